@@ -3,9 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.cli.people import people
+from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.bank import (
@@ -20,10 +23,12 @@ from vpsci_ros.policy.bank import (
     describe,
     save_bank,
 )
-from vpsci_ros.policy.choice import NEAREST, Lender
+from vpsci_ros.policy.choice import FASTER, NEAREST, Lender
 from vpsci_ros.policy.draws import keys
-from vpsci_ros.policy.make_bank import actions_of, fitted
-from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
+from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
+from vpsci_ros.policy.policy_file import load_policy, policy_from_bytes
+from vpsci_ros.policy.tensor_file import tensors_to_bytes
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -32,17 +37,18 @@ MEETS = np.array([[5.0, 0.0, 0.0, 10.0, -2.0, 0.0, 1.0]])  # both at the same pl
 
 
 def reactions(count: int = 80, length: int = 35, vehicle: float = 0.0) -> Reactions:
-    """Moment k lies k away from `APART`; its vehicle does `vehicle` and steers k / 1000, its pedestrian 0.01 k."""
+    """Moment k is `APART` at a pace more by k; its vehicle does `vehicle`, steers k / 1000, its walker does 0.01 k."""
     features = np.repeat(describe(APART)[0], count, axis=0)
-    features[:, 0] += np.arange(count)
+    features[:, 1] += np.arange(count)
     steps = np.zeros((count, length, ACTIONS))
     steps[..., 0], steps[..., 1] = vehicle, np.arange(count)[:, None] / 1000.0
     steps[..., 2] = 0.01 * np.arange(count)[:, None]
     begin = length * np.arange(count)
-    zero = np.zeros((FEATURES, SECONDS, ACTIONS))
+    zero, reach = np.zeros((FEATURES, SECONDS, ACTIONS)), range_of(onsets_of(APART))
     return Reactions(
-        features.T.copy(), np.ones(FEATURES), np.ones(count), begin, begin + length, steps.reshape(-1, 4), zero
-    )
+        features.T.copy(), np.ones(FEATURES), np.ones(count), begin, begin + length, steps.reshape(-1, 4), zero, reach,
+        np.zeros(count),
+    )  # fmt: skip
 
 
 def lent(own: Reactions, agent: int, moment: np.ndarray, count: int, steps: int = 1, seed: int = 7) -> np.ndarray:
@@ -90,9 +96,54 @@ def test_the_one_reaction_that_does_not_touch_is_chosen() -> None:
     own = reactions(count=32)
     steps = own.steps.reshape(32, -1, ACTIONS).copy()
     steps[:, :, :] = 0.0
-    steps[17, :, 0] = -4.0  # brakes: 5 m/s is gone after 3.1 m, which leaves 4 m to the pedestrian's line
+    steps[17, :, 0] = -4.0 / FASTER  # brakes: 5 m/s is gone after 3.1 m, which leaves 4 m to the pedestrian's line
     own = own._replace(steps=steps.reshape(-1, ACTIONS))
-    assert (lent(own, 0, MEETS, 200)[0, :, 0] == -4.0).all()
+    np.testing.assert_allclose(lent(own, 0, MEETS, 200)[0, :, 0], -4.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "sideways"),
+    [(4.0, -1.0, 1.6), (6.0, -1.5, 1.6), (3.0, -0.75, 1.6), (8.0, -1.5, 0.1 / 1.5**2 * 64.0)],
+)
+def test_accelerations_are_lent_relative_to_speed_up_to_a_factor(
+    speed: float, acceleration: float, sideways: float
+) -> None:
+    # Recorded at 4 m/s: -1 m/s2 and 0.1 1/m, that is 1.6 m/s2 sideways. At 8 m/s the factor is 1.5, not 2.
+    recorded, now = APART.copy(), APART.copy()
+    recorded[0, 0], now[0, 0] = 4.0, speed
+    steps = np.repeat([[-1.0, 0.1, 0.3, 0.2]], 35, axis=0)
+    one = reactions(1)._replace(features=describe(recorded)[0].T.copy(), steps=steps)
+    np.testing.assert_allclose(lent(one, 0, now, 1)[0, 0], [acceleration, sideways])
+    np.testing.assert_allclose(lent(one, 1, now, 1)[0, 0], [0.3, 0.2])
+
+
+def test_an_onset_lies_beyond_the_range_where_one_of_four_does() -> None:
+    # Speeds 0 to 10 m/s, 5 m ahead, walking 1 m/s straight across: quantiles of 0.25 and 9.75 m/s, 5 m, 1 m/s, 90 deg.
+    seen = np.zeros((101, MOMENT))
+    seen[:, 0], seen[:, 3], seen[:, 6] = np.linspace(0.0, 10.0, 101), 5.0, 1.0
+    reach = range_of(onsets_of(seen))
+    np.testing.assert_allclose(reach[:, [0, 2, 4]], [[0.25, 5.0, 9.75], [5.0] * 3, [1.0] * 3, [90.0] * 3])
+    asked = np.array(
+        [[5, 5, 1, 90], [9.8, 5, 1, 90], [5, 5.1, 1, 90], [5, 5, 0.9, 90], [5, 5, 1, 60], [5, 5, 1, np.nan]]
+    )
+    assert beyond(asked, reach).tolist() == [False, True, True, True, True, False]
+
+
+def test_an_onset_of_the_map_frame_is_that_of_the_moment() -> None:
+    heading, place = 0.7, np.array([3.0, 4.0])
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, -s], [s, c]])
+    walk, velocity = turn @ [0.5, -1.2], 6.0 * np.array([c, s])
+    moment = np.array([[6.0, 0.0, 0.0, *(turn.T @ place), 0.5, -1.2]])
+    one, other = onsets_of(moment), onsets_in(np.zeros((1, 2)), velocity[None], place[None], walk[None])
+    np.testing.assert_allclose(one, [[6.0, 5.0, 1.3, np.degrees(np.arctan2(1.2, 0.5))]])
+    np.testing.assert_allclose(one, other)
+
+
+def test_a_bank_of_the_format_before_is_refused_in_words() -> None:
+    old = tensors_to_bytes({"here.side": np.ones(1, np.float32)}, "vpsci-people 1", {"people": ["here"]})
+    with pytest.raises(InvalidInput, match="mine: expected format 'vpsci-people 2'.*make the bank again"):
+        policy_from_bytes(old, "mine")
 
 
 def test_who_meets_a_car_that_does_not_brake_as_lent_takes_it_to_keep_its_velocity() -> None:
@@ -139,10 +190,53 @@ def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -
     data[-1] ^= 1
     with pytest.raises(InvalidInput, match="its tensors are not those it was written with"):
         bank_from_bytes(bytes(data))
-    with pytest.raises(InvalidInput, match="expected one of here, got 'vci'"):
+    with pytest.raises(InvalidInput, match="expected one of here, the sources of this bank, got 'vci'"):
         bank.of("vci")
     with pytest.raises(InvalidInput, match="do not fit together"):
         bank_from_bytes(bank_to_bytes(Bank({"here": reactions()._replace(end=np.full(80, 9999))})))
+
+
+def test_moments_of_another_place_serve_where_the_own_place_has_none_alike() -> None:
+    # Eighty moments, each a step further from `APART`. The first forty are of another place, 50 further away.
+    far = np.where(np.arange(80) < 40, 50.0**2, 0.0)
+    own = reactions()._replace(far=far)
+    number = np.round(lent(own, 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
+    counts = np.bincount(number, minlength=80)
+    # Moment k is k^2 away, and k^2 + 50^2 where it is of the other place.
+    near = np.argsort(np.arange(80) ** 2 + far, kind="stable")[:NEAREST]
+    assert set(np.flatnonzero(counts)) == set(near.tolist())
+    assert counts[40:].sum() > counts[:40].sum()
+
+
+def test_a_bank_of_one_place_with_another_keeps_its_name_and_counts_the_other_as_further_away(tmp_path: Path) -> None:
+    mine = synthetic_near_misses(interactions=12, seed=3).table
+    write_near_misses(mine, tmp_path / "mine.parquet")
+    theirs = synthetic_near_misses(interactions=12, seed=4).table.with_columns(source=pl.lit("elsewhere"))
+    write_near_misses(theirs, tmp_path / "theirs.parquet")
+    ((name, alone),) = bank_of_tables([tmp_path / "mine.parquet"]).reactions.items()
+    ((same, both),) = bank_of_tables(
+        [tmp_path / "mine.parquet"], others=[tmp_path / "theirs.parquet"]
+    ).reactions.items()
+    assert same == name
+    assert (alone.far == 0.0).all()
+    assert int((both.far == 0.0).sum()) == len(alone.side)
+    assert set(both.far) == {0.0, FOREIGN**2}
+    with pytest.raises(InvalidInput, match="expected another source than"):
+        bank_of_tables([tmp_path / "mine.parquet"], others=[tmp_path / "mine.parquet"])
+
+
+def test_the_command_lists_a_bank_and_what_it_cannot_do_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    people(["people"])
+    out = capsys.readouterr().out
+    assert "cqut: " in out
+    assert "vci: " in out
+    assert out.count("walking speed [m/s]") == 2
+    with pytest.raises(InvalidInput, match="ma_sst_ddpg: expected a bank"):
+        people(["ma_sst_ddpg"])
+    with pytest.raises(InvalidInput, match="name its file by -o"):
+        people(["people"], others=[tmp_path])
 
 
 def test_recorded_actions_lead_along_the_recorded_way() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED, IDLE
 
@@ -49,9 +50,11 @@ RECORD = np.dtype(
         ("least_curvttc", np.float32),  # [s] of all pairs
         ("vehicle_path", np.float64),  # [m] length of the trajectory, of the pair that decides
         ("pedestrian_path", np.float64),  # [m]
+        ("range", np.uint8),  # index into `RANGES`
     ]
 )
 """What is known of an episode that ended; `apply_filters` adds what the filters say."""
+RANGES = ("", "within", "beyond")  # "": no recorded people act, or they are not known, or it is never critical
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,15 @@ class EpisodeBlock:
     def only(self, chosen: NDArray[np.bool_]) -> "EpisodeBlock":
         """Return the episodes where bool[n] is true."""
         return EpisodeBlock(self.records[chosen], self.values[np.repeat(chosen, self.records["rows"])])
+
+    def first_critical(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the first row with CurvTTC < 5 s of each pair that has one: episode and row, int64[m] each."""
+        several, critical = self.records["pedestrians"], self.values[:, QUANTITIES.index("CurvTTC")] < CRITICAL_TTC
+        ends = np.cumsum(np.repeat(self.records["frames"], several))
+        rows = np.append(np.flatnonzero(critical), len(critical))
+        first = rows[np.searchsorted(rows, ends - np.repeat(self.records["frames"], several))]
+        found = first < ends
+        return np.repeat(np.arange(len(self)), several)[found], first[found]
 
     def stored(self, keep_rejected: bool) -> "EpisodeBlock":
         """Return the episodes without the rows of rejected ones, unless these are kept, too."""

@@ -104,6 +104,15 @@ class PolicyAgent:
         """Return the number of the recorded moment whose reaction acts in a slot; -1: none, or a network acts."""
         return self._work.lent(slot) if isinstance(self._work, PeopleAtWork) else -1
 
+    def beyond(self, slot: int) -> bool | None:
+        """Return whether the hand-over in a slot lay beyond the source's range; None: no bank acts, or none yet."""
+        return self._work.beyond(slot) if isinstance(self._work, PeopleAtWork) else None
+
+    @property
+    def reach(self) -> NDArray[np.float64] | None:
+        """float64[4, 5], the range of the source that acts, see `onset_range`; None: a network, or no policy yet."""
+        return self._policy.of(self._people).reach if isinstance(self._policy, Bank) else None
+
     def _at_work(self, policy: Policy, rows: int) -> "PeopleAtWork | NetworkAtWork":
         if isinstance(policy, Bank):
             return PeopleAtWork(policy.of(self._people), self._index, rows)

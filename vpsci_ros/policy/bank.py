@@ -4,7 +4,8 @@ A *moment* is a recorded step of a pair; its *reaction* is what both did from th
 are alike by speed of the vehicle, pace of the pedestrian, its place and velocity in the vehicle's heading frame, and
 acceleration and yaw rate of the vehicle. On which side the pedestrian is makes no difference: left and right are
 exchanged where the sides differ. A vehicle's sideways motion is a curvature, so that a slow one does not swerve as a
-fast one.
+fast one. To a vehicle of another speed a reaction is lent with accelerations in proportion to the speed and the same
+sideways acceleration, that is, with as much change in as many seconds.
 
 `vpsci people` makes a bank of a near-miss table (`vpsci_ros.policy.make_bank`); its file is safetensors, and holds no
 network. `vpsci_ros.policy.choice` says which reaction is lent to whom.
@@ -20,12 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.onset_range import LEVELS, QUANTITIES
 from vpsci_ros.policy.tensor_file import read_tensors, tensors_to_bytes
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
 
-FORMAT = "vpsci-people 1"
+FAMILY = "vpsci-people"
+FORMAT = f"{FAMILY} 2"  # 1: accelerations as recorded, whatever the speed, and no range
 MOMENT, FEATURES = 7, 8  # numbers of a moment, and of what makes it like another one
 ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
 SECONDS, SECOND = 3, 10  # after a moment in which a reaction is adjusted to another one; steps of a second
@@ -43,7 +46,11 @@ class Reactions(NamedTuple):
     :ivar begin, end: int64[M], the steps of a reaction: the moment, and one past the end of its track.
     :ivar steps: float64[S, 4], see `ACTIONS`.
     :ivar slope: float64[8, 3, 4], by how much an action of each second is more where a feature is more by 1; of moments
-        with the pedestrian to the left.
+        with the pedestrian to the left. The vehicle's are relative to its speed at the moment:
+        acceleration / speed [1/s] and sideways acceleration, curvature * speed * speed [m/s2].
+    :ivar reach: float64[4, 5], quantiles of the onsets, see `vpsci_ros.policy.onset_range`.
+    :ivar far: float64[M], what is added to the squared distance of each moment: 0, or more where it is of another
+        source that serves where the own one has nothing like it.
     """
 
     features: Floats
@@ -53,6 +60,8 @@ class Reactions(NamedTuple):
     end: NDArray[np.int64]
     steps: Floats
     slope: Floats
+    reach: Floats
+    far: Floats
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,9 @@ class Bank:
         :raises InvalidInput: the bank does not know them.
         """
         if people and people not in self.reactions:
-            raise InvalidInput(f"people: expected one of {', '.join(self.reactions)}, got {people!r}")
+            raise InvalidInput(
+                f"people: expected one of {', '.join(self.reactions)}, the sources of this bank, got {people!r}"
+            )
         return self.reactions[people or next(iter(self.reactions))]
 
     def digest(self) -> str:
@@ -157,7 +168,7 @@ def bank_from_bytes(data: bytes, where: str = "bank") -> Bank:
 
     :raises InvalidInput: it is none, it is damaged, or its parts do not fit together.
     """
-    tensors, facts = read_tensors(data, FORMAT, where, "give a file that `vpsci people` wrote")
+    tensors, facts = read_tensors(data, FORMAT, where, "make the bank again of its near misses (`vpsci people`)")
     names = facts.pop("people", None)
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise InvalidInput(f"{where}: expected the names of its people in the metadata, got {names!r}")
@@ -180,11 +191,13 @@ def _reactions(tensors: Mapping[str, NDArray[np.float32]], people: str, where: s
         (count,),
         (steps, ACTIONS),
         (FEATURES, SECONDS, ACTIONS),
+        (len(QUANTITIES), len(LEVELS)),
+        (count,),
     )
     for name, value, shape in zip(own._fields, own, shapes, strict=True):
         if value.shape != shape:
             raise InvalidInput(f"{where}: tensor {people}.{name}: expected shape {shape}, got {value.shape}")
-    inside = (own.begin >= 0) & (own.begin < own.end) & (own.end <= steps)
-    if count == 0 or not inside.all() or not (own.scale > 0.0).all() or not (np.abs(own.side) == 1.0).all():
+    right = (own.begin >= 0) & (own.begin < own.end) & (own.end <= steps) & (np.abs(own.side) == 1.0) & (own.far >= 0.0)
+    if count == 0 or not right.all() or not (own.scale > 0.0).all() or (np.diff(own.reach, axis=1) < 0.0).any():
         raise InvalidInput(f"{where}: the reactions of {people!r} do not fit together; make the bank again")
     return own

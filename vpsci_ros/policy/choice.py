@@ -2,8 +2,9 @@
 
 A reaction is drawn among those of the `NEAREST` most similar moments, evenly among the ones by which the two do not
 touch within 3 s. That is found by a roll-out: both move by the world's own kinematics as the recorded pair did,
-adjusted for how the moments differ, and keep their velocities for `BEYOND` steps where the recording ends sooner. If
-all of these touch, the nearest moment of the bank is taken by which they do not; if there is none, the one that touches
+adjusted for how the moments differ, and keep their velocities for `BEYOND` steps where the recording ends sooner. A
+vehicle of another speed is lent accelerations in proportion to its speed, and the same sideways acceleration. If all of
+these touch, the nearest moment of the bank is taken by which they do not; if there is none, the one that touches
 last. A reaction is chosen again when it ends, and as soon as the rest of it would touch.
 
 Driver and pedestrian draw by the same numbers and see the same, so they are lent two halves of one reaction. If the
@@ -29,7 +30,8 @@ from vpsci_ros.world.kinematics import brake_for, drive, steer_to, throttle_for,
 from vpsci_ros.world.observation import STEP, from_heading_frame
 
 NEAREST = 64  # moments of which one is chosen; a power of two, and fewer where a bank has fewer
-FURTHEST = 2.0  # standard deviations: the largest difference of a feature that is adjusted for
+FURTHEST = 1.0  # standard deviations: the largest difference of a feature that is adjusted for
+FASTER = 1.5  # the largest ratio of the vehicle's speed to the recorded one that counts, and 1 over the least
 AHEAD = 30  # steps that a roll-out looks ahead
 BEYOND = 20  # steps for which both keep their velocities after a reaction
 LEFT = 0.05  # [m] that the other one may leave what was lent by
@@ -40,6 +42,7 @@ LENT = np.dtype(
     [
         ("begin", "i8"), ("at", "i8"), ("end", "i8"),  # steps of the bank: first, next, one past the last
         ("mirror", "f8"),  # 1; -1: left and right are exchanged
+        ("factor", "f8", ACTIONS),  # by which the steps are multiplied, for the vehicle's speed
         ("adjust", "f8", (SECONDS, ACTIONS)),  # what is added to the steps of each second
         ("expected", "f8", 2),  # [m/s] velocity of the other one at the next step: forward and left; a vehicle's speed
         ("apart", "f8"),  # [m] by which the other one has left what was lent since the hand-over
@@ -63,7 +66,7 @@ def _done(lent, steps, at, out):  # type: ignore[no-untyped-def]
     """Write what both do at step `at` of the bank, adjusted, to float64[4]."""
     second = (at - lent.begin) // SECOND
     for k in range(ACTIONS):
-        out[k] = steps[at, k] * (lent.mirror if k % 2 else 1.0)  # the odd ones point left
+        out[k] = steps[at, k] * lent.factor[k] * (lent.mirror if k % 2 else 1.0)  # the odd ones point left
         if second < SECONDS:
             out[k] += lent.adjust[second, k]
 
@@ -102,17 +105,28 @@ def _take(own, side, reactions, picked, lent):  # type: ignore[no-untyped-def]
     lent.end, lent.mirror = reactions.end[picked], side * reactions.side[picked]
     lent.moment = picked + 1
     lent.adjust[:] = 0.0
+    speed = max(own[0] * reactions.scale[0], SLOWEST)
+    ratio = speed / max(reactions.features[0, picked] * reactions.scale[0], SLOWEST)
+    ratio = min(max(ratio, 1.0 / FASTER), FASTER)
+    lent.factor[:] = 1.0
+    lent.factor[0], lent.factor[1] = ratio, 1.0 / (ratio * ratio)
     for k in range(FEATURES):
         gap = min(max(own[k] - reactions.features[k, picked], -FURTHEST), FURTHEST)
         for second in range(SECONDS):
             for a in range(ACTIONS):
                 lent.adjust[second, a] += gap * reactions.slope[k, second, a] * (side if a % 2 else 1.0)
+    for second in range(SECONDS):
+        lent.adjust[second, 0] *= speed
+        lent.adjust[second, 1] /= speed * speed
 
 
 @kernel
-def _nearest(own, features, gaps, near):  # type: ignore[no-untyped-def]
-    """Write the columns of features, float64[8, M], nearest to `own` to int64[n]; of equally near ones the first."""
-    gaps[:] = 0.0
+def _nearest(own, features, far, gaps, near):  # type: ignore[no-untyped-def]
+    """Write the columns of features, float64[8, M], nearest to `own` to int64[n]; of equally near ones the first.
+
+    :param far: float64[M], squared distances to add.
+    """
+    gaps[:] = far
     for k in range(FEATURES):  # feature by feature: rows of [8, M] lie together in memory
         for m in range(gaps.size):
             gap = own[k] - features[k, m]
@@ -139,7 +153,7 @@ def _choose(moment, key, reactions, who, free, room):  # type: ignore[no-untyped
     side = features_of(moment, room.own)
     for k in range(FEATURES):
         room.own[k] /= reactions.scale[k]
-    _nearest(room.own, reactions.features, room.gaps, room.near)
+    _nearest(room.own, reactions.features, reactions.far, room.gaps, room.near)
     stream = uint64(STREAM_REACTION) + (key[4] << uint64(8))
     drawn = philox(key[0], key[1], uint64(0), stream, key[2], key[3])
     count = room.near.size

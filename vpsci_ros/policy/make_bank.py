@@ -28,11 +28,13 @@ from vpsci_ros.policy.bank import (
     moments_of,
     people_of,
 )
+from vpsci_ros.policy.onset_range import onsets_of, range_of
 from vpsci_ros.world.observation import STEP
 
 EVERY = 10  # steps from one moment of a track to the next, 1 s
 SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no moments
 LEAST = SECONDS * SECOND  # steps of a reaction, at least
+FOREIGN = 3.0  # standard deviations by which a moment of another place counts as further away
 RIDGE = 0.1  # penalty of slopes, per onset
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
 _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
@@ -40,18 +42,27 @@ _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicl
 Floats = NDArray[np.float64]
 
 
-def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = ()) -> Bank:
+def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), others: Sequence[str | Path] = ()) -> Bank:
     """Return the bank of near-miss tables of whole tracks, see `vpsci_ros.data.near_misses.read_near_misses`.
 
     :param without: how clips, "source/clip", begin whose reactions are left out.
-    :raises InvalidInput: a table is refused, no clip is called so, nothing is left, or no onset has 3 s recorded
-        after it.
+    :param others: tables of other places. Their reactions serve each source where it has none like them (`FOREIGN`).
+    :raises InvalidInput: a table is refused, no clip is called so, nothing is left, no onset has 3 s recorded after
+        it, or a source is in both.
     """
-    table = concat_near_misses([read_near_misses(name) for name in names])
+    table = concat_near_misses([read_near_misses(name) for name in (*names, *others)])
     table, held_out = split_by_name(table, without, "--without") if without else (table, table.head(0))
     interactions = from_table(table, whole_tracks=True)
     of = np.array([people_of(clip) for clip in interactions.clip])
-    made = {name: reactions_of(interactions.take(np.flatnonzero(of == name))) for name in dict.fromkeys(of.tolist())}
+    foreign = {people_of(source) for name in others for source in read_near_misses(name)["source"].unique()}
+    own = [name for name in dict.fromkeys(of.tolist()) if name not in foreign]
+    if not own:
+        raise InvalidInput(f"--with {', '.join(map(str, others))}: expected another source than {', '.join(foreign)}")
+    borrowed = np.isin(of, sorted(foreign))
+    made = {}
+    for name in own:
+        rows = np.flatnonzero((of == name) | borrowed)
+        made[name] = reactions_of(interactions.take(rows), borrowed[rows])
     people = {name: reactions for name, reactions in made.items() if reactions is not None}
     if not people:
         raise InvalidInput(
@@ -67,8 +78,11 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = ()) -> 
     return Bank(people, {"data": facts})
 
 
-def reactions_of(interactions: Interactions) -> Reactions | None:
-    """Return the reactions of whole tracks of one people; None where no onset has 3 s after it."""
+def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None = None) -> Reactions | None:
+    """Return the reactions of whole tracks of one people; None where no onset has 3 s after it.
+
+    :param foreign: bool[N], the interaction is of another place: each of its moments counts as `FOREIGN` further away.
+    """
     done, known = actions_of(fitted(interactions)), interactions.length - 1
     onsets = np.flatnonzero(interactions.first <= known - LEAST)
     if len(onsets) == 0:
@@ -79,7 +93,8 @@ def reactions_of(interactions: Interactions) -> Reactions | None:
         row.append(np.full(len(at[-1]), number))
     rows, steps = np.concatenate(row), np.concatenate(at)
     moments = moments_of(interactions.observation["vehicle"], *interactions.trends())
-    features, side = describe(moments[rows, steps])
+    moments = moments[rows, steps]
+    features, side = describe(moments)
     begun, count = features[: len(onsets)], len(onsets)
     scale = np.maximum(begun.std(axis=0), 1e-3)
     offset = np.concatenate([[0], np.cumsum(known)])
@@ -90,7 +105,9 @@ def reactions_of(interactions: Interactions) -> Reactions | None:
         begin=offset[rows] + steps,
         end=offset[rows + 1],
         steps=np.concatenate([own[:end] for own, end in zip(done, known, strict=True)]),
-        slope=_slopes(begun / scale, done[rows[:count]], steps[:count], known[onsets], side[:count]),
+        slope=_slopes(begun / scale, _relative(done[onsets], begun[:, 0]), steps[:count], side[:count]),
+        reach=range_of(onsets_of(moments[:count])),
+        far=np.zeros(len(rows)) if foreign is None else np.where(foreign[rows], FOREIGN**2, 0.0),
     )
 
 
@@ -102,7 +119,15 @@ def actions_of(interactions: Interactions) -> Floats:
     return done
 
 
-def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], known: NDArray[np.int64], side: Floats) -> Floats:
+def _relative(done: Floats, speed: Floats) -> Floats:
+    """Return actions, float64[n, T, 4], the vehicle's relative to its `speed` [m/s] at the moment."""
+    fast, out = np.maximum(speed, SLOWEST)[:, None], done.copy()
+    out[..., 0] /= fast
+    out[..., 1] *= fast * fast
+    return out
+
+
+def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], side: Floats) -> Floats:
     """Return `Reactions.slope`, float64[8, 3, 4]: ridge regressions of what was done in each second after n onsets."""
     out = np.zeros((FEATURES, SECONDS, ACTIONS))
     for second in range(SECONDS):

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from vpsci_ros.policy.bank import MOMENT, Reactions, moments_in
 from vpsci_ros.policy.choice import Lender
 from vpsci_ros.policy.draws import keys_of
+from vpsci_ros.policy.onset_range import beyond, onsets_of
 from vpsci_ros.world.tick import Assessment, Tick
 
 
@@ -18,6 +19,7 @@ class PeopleAtWork:
     def __init__(self, reactions: Reactions, agent: int, capacity: int) -> None:
         self._lender, self._agent = Lender(reactions, agent, capacity, keeps_lane=True), agent
         self._moments = np.zeros((capacity, MOMENT))
+        self._reach, self._beyond = reactions.reach, np.zeros(capacity, np.bool_)  # at the last hand-over of each slot
 
     def act(self, tick: Tick, assessment: Assessment, seed: ArrayLike) -> NDArray[np.float32]:
         """Return accelerations [m/s2], float32[B, 2], see `PolicyAgent.act`.
@@ -27,6 +29,8 @@ class PeopleAtWork:
         active = assessment.acting
         moments_in(tick.state, active, self._moments)
         reset = active & (tick.state["controlled"] == 0)
+        if np.count_nonzero(reset):
+            self._beyond[reset] = beyond(onsets_of(self._moments[reset]), self._reach)
         action = self._lender.step(self._moments, keys_of(tick.state, seed), reset, active).astype(np.float32)
         if self._agent == 0:
             action[:, 1] = 0.0
@@ -35,3 +39,7 @@ class PeopleAtWork:
     def lent(self, slot: int) -> int:
         """Return the number of the recorded moment whose reaction acts in a slot; -1: none yet."""
         return int(self._lender.slots["moment"][slot]) - 1
+
+    def beyond(self, slot: int) -> bool | None:
+        """Return whether the last hand-over in a slot lay beyond the range of the recorded onsets; None: none yet."""
+        return bool(self._beyond[slot]) if self.lent(slot) >= 0 else None

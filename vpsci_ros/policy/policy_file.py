@@ -19,7 +19,8 @@ def policy_from_bytes(data: bytes, where: str = "policy") -> Policy:
 
     :raises InvalidInput: neither a bank nor weights, or damage.
     """
-    return bank_from_bytes(data, where) if format_of(data, where) == bank.FORMAT else weights_from_bytes(data, where)
+    form = format_of(data, where)
+    return bank_from_bytes(data, where) if form.startswith(bank.FAMILY) else weights_from_bytes(data, where)
 
 
 def load_policy(name: str | Path) -> Policy:

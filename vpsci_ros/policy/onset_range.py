@@ -1,0 +1,88 @@
+"""The range of recorded onsets: at which speeds, distances, walking speeds and angles a source was recorded.
+
+Reactions of other situations are extrapolated. An onset lies *beyond* the range where one of the four is below the
+first or above the last quantile of `LEVELS`. So do 5 to 20% of a source's own onsets.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode_block import RANGES
+from vpsci_ros.safety import CRITICAL_TTC
+
+LEVELS = (0.025, 0.1, 0.5, 0.9, 0.975)
+QUANTITIES = {
+    "speed of the vehicle": "m/s",
+    "distance": "m",
+    "walking speed": "m/s",
+    "angle of walking and driving": "degrees",
+}
+_WALKS, _DRIVES = 0.3, 0.1  # [m/s] of a slower agent no direction is known, so that no angle lies beyond
+
+Floats = NDArray[np.float64]
+
+
+def onsets_of(moments: Floats) -> Floats:
+    """Return `QUANTITIES` of moments, float64[n, 7] -> float64[n, 4]; see `vpsci_ros.policy.bank.moments_of`."""
+    return _quantities(moments[:, 0], moments[:, 3:5], np.ones((len(moments), 1)) * (1.0, 0.0), moments[:, 5:7])
+
+
+def onsets_in(vehicle: NDArray[Any], velocity: NDArray[Any], place: NDArray[Any], walk: NDArray[Any]) -> Floats:
+    """Return `QUANTITIES` of places and velocities in the map frame, float[n, 2] each [m, m/s] -> float64[n, 4]."""
+    velocity, walk = np.asarray(velocity, np.float64), np.asarray(walk, np.float64)
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    return _quantities(speed, np.asarray(place, np.float64) - vehicle, velocity, walk)
+
+
+def _quantities(speed: Floats, apart: Floats, heading: Floats, walk: Floats) -> Floats:
+    """Return float64[n, 4]; the angle is NaN where an agent hardly moves."""
+    pace = np.hypot(walk[:, 0], walk[:, 1])
+    across = heading[:, 0] * walk[:, 1] - heading[:, 1] * walk[:, 0]
+    angle = np.degrees(np.arctan2(np.abs(across), (heading * walk).sum(axis=1)))
+    known = (pace >= _WALKS) & (np.hypot(heading[:, 0], heading[:, 1]) >= _DRIVES)
+    return np.stack([speed, np.hypot(apart[:, 0], apart[:, 1]), pace, np.where(known, angle, np.nan)], axis=1)
+
+
+def range_of(onsets: Floats) -> Floats:
+    """Return the quantiles of onsets, float64[n, 4] -> float64[4, len(LEVELS)]; 0 to 180 where no angle is known."""
+    out = np.empty((len(QUANTITIES), len(LEVELS)))
+    for row, values in zip(out, onsets.T, strict=True):
+        known = values[np.isfinite(values)]
+        row[:] = np.quantile(known if known.size else np.array([0.0, 180.0]), LEVELS)
+    return out
+
+
+def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
+    """Return where onsets, float64[n, 4], lie, indices into `RANGES`, uint8[n]; beyond one range is "beyond".
+
+    :param reaches: the range of each agent that acts by a bank; none: "".
+    """
+    if not reaches:
+        return np.zeros(len(onsets), np.uint8)
+    outside = np.any([beyond(onsets, reach) for reach in reaches], axis=0)
+    return np.where(outside, RANGES.index("beyond"), RANGES.index("within")).astype(np.uint8)
+
+
+def range_of_episode(episode: Episode, reach: Floats | None) -> str:
+    """Return one of `RANGES`: where the pedestrians of an episode are when their CurvTTC first falls below 5 s."""
+    critical = episode.known_curvttc < CRITICAL_TTC
+    who = np.flatnonzero(critical.any(axis=1))
+    if reach is None or not who.size:
+        return RANGES[0]
+    at, seen = critical[who].argmax(axis=1), episode.filled()
+    vehicle = np.stack([seen.x[at], seen.y[at]], axis=1), np.stack([seen.vx[at], seen.vy[at]], axis=1)
+    place, walk = ((seen.ped_x, seen.ped_y), (seen.ped_vx, seen.ped_vy))
+    pairs = (np.stack([each[who, at] for each in both], axis=1) for both in (place, walk))
+    return RANGES[int(ranges(onsets_in(*vehicle, *pairs), [reach]).max())]
+
+
+def beyond(onsets: Floats, reach: Floats) -> NDArray[np.bool_]:
+    """Return which onsets, float64[n, 4], lie beyond a range, float64[4, len(LEVELS)]; bool[n]."""
+    with np.errstate(invalid="ignore"):
+        outside = (onsets < reach[:, 0]) | (onsets > reach[:, -1])
+    result: NDArray[np.bool_] = outside.any(axis=1)
+    return result
