@@ -66,6 +66,20 @@ def test_it_hands_over_below_5_s_and_gives_back_3_s_after_the_last_critical_tick
     assert all(walk.faces == "car" for walk in walked)
 
 
+@pytest.mark.parametrize(("speed", "beyond"), [(3.0, False), (9.0, True)])
+def test_it_tells_whether_the_hand_over_lay_beyond_the_recorded_range(
+    weights: Policy, speed: float, beyond: bool
+) -> None:
+    # Right turns were recorded at 0.5 to 5.3 m/s and 3 to 20 m; at 3 m/s the car is 15 m away, 4 s before they meet.
+    pedestrian, own = Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), AT_THE_KERB
+    assert pedestrian.person.beyond is None
+    for k in range(4):
+        walk = pedestrian.step(own, {"car": car(0.05 * k, speed=speed)}, period=0.05)
+        own = Walker(*walk[:4])
+    assert walk.controlled
+    assert pedestrian.person.beyond is beyond
+
+
 def test_without_a_vehicle_it_walks_its_route_at_its_pace_and_on_beyond_its_end(weights: Policy) -> None:
     pedestrian = Pedestrian(weights, seed=3, route=ROUTE, speed=1.2)
     walked = crossing(pedestrian, seconds=20.0, gone=0.0)

@@ -9,8 +9,9 @@ import numpy as np
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
+from synthetic import SOURCE, synthetic_near_misses
 
-from vpsci_ros.data.importers import import_folders, import_trajectories
+from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, named
 from vpsci_ros.data.importers.run import near_misses_of
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
 from vpsci_ros.data.importers.vci import VCI_DUT
@@ -275,3 +276,15 @@ def test_real_recordings_hold_about_340_near_misses(real_data: Path) -> None:
     check_near_misses(result.table, "table")
     assert 320 <= result.table["interaction"].n_unique() <= 370
     assert result.summaries[0].quartiles == pytest.approx((1.8, 2.95, 3.9), abs=0.15)
+
+
+def test_a_source_may_be_named_and_the_table_keeps_the_sizes_of_its_vehicles(tmp_path: Path) -> None:
+    made = synthetic_near_misses(interactions=4, seed=3)
+    found = named(made, "my_corner")
+    assert found.table["source"].unique().to_list() == ["my_corner"]
+    assert found.metadata["sources"]["my_corner"]["vehicle_length"] == made.summaries[0].vehicle_length
+    assert found.table.drop("source").equals(made.table.drop("source"))
+    with pytest.raises(InvalidInput, match="expected letters, digits, _ and -"):
+        named(made, "my/corner")
+    with pytest.raises(InvalidInput, match=f"expected one source, got {SOURCE}, {SOURCE}; import them one by one"):
+        named(ImportResult(made.table, (made.summaries[0],) * 2), "both")

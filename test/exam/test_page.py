@@ -53,6 +53,20 @@ def test_the_first_paragraph_counts_the_contacts_with_the_learned_pedestrian(pag
     assert "The rule-based autopilot has a contact in 8.3% [1.5, 35.4] of these episodes. Of the critical" in text
 
 
+def test_the_first_paragraph_says_how_many_critical_episodes_begin_beyond_the_range(tmp_path):
+    # Of speeds to 5 m/s, distances to 40 m, walking speeds to 3 m/s and any angle: three of twelve drive at 8 m/s.
+    reach = np.repeat([[0.0, 5.0], [0.0, 40.0], [0.0, 3.0], [0.0, 180.0]], [1, 4], axis=1)
+    made = [drive(np.full(40, 3.0 if k < 9 else 8.0), curvttc=3.0, episode=k) for k in range(12)]
+    table = episode_table(RunResult(made), [], CONFIG, driver="ads", pedestrian="learned", reach=reach)
+    assert table["range"].to_list() == 9 * ["within"] + 3 * ["beyond"]
+    report = make_report(table, {"learned": Conduct(12)}, CONFIG) | {"exam": EXAM, "failures": [], "criteria": []}
+    write_page(tmp_path / "report.html", report, table, {"learned": made}, "view.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "mark=beyond_range" in text
+    words = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", text))
+    assert "3 of 12 critical episodes with the learned pedestrian (25%) begin beyond the range" in words
+
+
 def test_the_page_may_run_no_script_and_send_nothing(page):
     (policy,) = re.findall('http-equiv=Content-Security-Policy content="([^"]*)"', page[0])
     assert policy.startswith("default-src 'none'; script-src 'none'; ")

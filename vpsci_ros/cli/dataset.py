@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Quiet, Resumable, Settings, stoppable, writes_folder
+from vpsci_ros.cli.options import Params, People, Quiet, Resumable, Settings, of_people, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput, VpsciError
 
 dataset_app = typer.Typer(no_args_is_help=True, help="Inspect and verify generated datasets.")
@@ -27,6 +27,7 @@ def generate(
     ] = None,
     episodes: Annotated[int | None, typer.Option(min=1, metavar="N", help="Kept episodes in each scenario.")] = None,
     table10: Annotated[bool, typer.Option("--table10", help="Generate Table 10: 198,157 kept episodes.")] = False,
+    people: People = None,
     settings: Settings = None,
     workers: Count = None,
     quiet: Quiet = False,
@@ -44,7 +45,7 @@ def generate(
     if scenarios is not None and not all(part.strip().isdigit() for part in scenarios.split(",")):
         raise InvalidInput(f"--scenarios {scenarios}: expected numbers with commas, say 1,6")
     chosen = [] if scenarios is None else [f"world_simulator.scenarios=[{scenarios}]"]
-    sections = load(params, [*(settings or []), *chosen])
+    sections = load(params, [*(settings or []), *chosen, *of_people(people)])
     values = sections.get(DatasetConfig, "dataset")
     job = job_from(sections)
     wanted = episodes or (0 if table10 else values.kept)
@@ -58,6 +59,10 @@ def generate(
         done = run(job, targets, output, start, first=first, formats=values.formats, report=progress.show)
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
+    ranged = [row["beyond_range"] for row in done.description["scenarios"].values() if row.get("beyond_range")]
+    if ranged:
+        beyond, of = sum(row["episodes"] for row in ranged), sum(row["of"] for row in ranged)
+        print(f"{beyond:,} of {of:,} ({beyond / of:.0%}) become critical beyond the range of the recorded people")
     if done.computed:
         simulating, writing = done.seconds
         rate = kept / (simulating + writing) * 3600.0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
+from vpsci_ros.cli.options import Params, People, Quiet, Settings, of_people, read_sections, stoppable, writes_folder
 from vpsci_ros.errors import VpsciError
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def ads_test(
     ] = None,
     fail_if: FailIf = None,
     workers: Workers = 1,
+    people: People = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -80,7 +81,8 @@ def ads_test(
     from vpsci_ros.exam.exam import prepare
     from vpsci_ros.exam.run import REPORT, run_exam
 
-    exam = prepare(examined_sections(params, settings, episodes, recorded), ads, ads_class, workers)
+    chosen = [*(settings or []), *of_people(people)[-1:]]  # the pedestrian's: the ADS drives
+    exam = prepare(examined_sections(params, chosen, episodes, recorded), ads, ads_class, workers)
     with stoppable(output), _demanded(output / REPORT):
         failures = run_exam(exam, output, fail_if or [], workers=workers, against=baseline, quiet=quiet)
     if failures:

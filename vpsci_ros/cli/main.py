@@ -47,6 +47,10 @@ def import_command(
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="Parquet file to write.")],
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="SOURCE", help="Name of the source, by which --people chooses its reactions."),
+    ] = None,
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
     check: Annotated[
         bool,
@@ -54,7 +58,7 @@ def import_command(
     ] = False,
 ) -> None:
     """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
-    from vpsci_ros.data.importers import IMPORTERS, import_folders, print_import_summary
+    from vpsci_ros.data.importers import IMPORTERS, import_folders, named, print_import_summary
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars
 
@@ -67,6 +71,7 @@ def import_command(
         return
     with Bars(f"importing {', '.join(map(str, folders))}"):
         result = import_folders(folders, formats)
+        result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)
     print_import_summary(result)
     print(f"written: {output}")

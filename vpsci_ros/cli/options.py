@@ -39,6 +39,16 @@ Settings = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 
 
+People = Annotated[
+    str | None,
+    typer.Option(
+        "--people",
+        metavar="SOURCE",
+        help="Whose recorded reactions act, a source of the bank (`vpsci people BANK` lists them); default: its first.",
+    ),
+]
+
+
 NearMisses = Annotated[
     list[Path] | None,
     typer.Option(
@@ -68,6 +78,11 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
             raise status
 
     return held
+
+
+def of_people(people: str | None) -> list[str]:
+    """Return the overrides (--set) by which both policies act by one source of their banks; None: none."""
+    return [] if people is None else [f"{agent}_policy.people={people}" for agent in ("vehicle", "pedestrian")]
 
 
 @contextlib.contextmanager

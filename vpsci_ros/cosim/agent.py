@@ -33,12 +33,14 @@ class Person(NamedTuple):
     :ivar speed: [m/s] with nothing near.
     :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
     :ivar recorded: number of the recorded moment whose reaction acts, drawn at the hand-over; -1: none.
+    :ivar beyond: whether the last hand-over lay beyond the range of the recorded onsets; None: none yet, or no bank.
     """
 
     kind: str
     speed: float
     reaction_delay: float
     recorded: int
+    beyond: bool | None = None
 
 
 class Body:
@@ -89,7 +91,7 @@ class Body:
         """Return the drawn person; fields drawn at the hand-over are empty before it."""
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
-        return Person(kind, speed, delay, self.agent.lent(self._number))
+        return Person(kind, speed, delay, self.agent.lent(self._number), self.agent.beyond(self._number))
 
     def begin(self, **values: float) -> None:
         """Overwrite fields of all rows, before the first tick."""

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode_block import KEPT, REASONS, RECORD, EpisodeBlock, joined
+from vpsci_ros.data.episode_block import KEPT, RANGES, REASONS, RECORD, EpisodeBlock, joined
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.parquet import Column, arrow_schema
 from vpsci_ros.documents import Form
@@ -58,6 +58,12 @@ INDEX_COLUMNS: dict[str, Column] = {
     "least_curvttc": Column(pl.Float32, "s", "least CurvTTC, infinity where there is none"),
     "vehicle_path": Column(pl.Float32, "m", "length of the vehicle's trajectory"),
     "pedestrian_path": Column(pl.Float32, "m", "length of the pedestrian's trajectory"),
+    "range": Column(
+        pl.String,
+        "",
+        "'beyond' the range of the recorded people's onsets when it becomes critical, or 'within'; '' where that is "
+        "not known",
+    ),
 }
 
 
@@ -200,8 +206,15 @@ def counts_of(records: NDArray[np.void]) -> dict[str, Any]:
         "rejected_collisions": _by_reason(records[~kept & (records["outcome"] == COLLISION)]),
         "vehicle_km": round(float(records["vehicle_path"][kept].sum()) / 1000.0, 6),
         "pedestrian_km": round(float(records["pedestrian_path"][kept].sum()) / 1000.0, 6),
+        "beyond_range": _beyond(records[kept]),
         **nearness(records),
     }
+
+
+def _beyond(records: NDArray[np.void]) -> dict[str, int] | None:
+    """Return how many episodes begin beyond the range of the recorded people, and of how many; None: of none."""
+    known = int((records["range"] > 0).sum())
+    return {"episodes": int((records["range"] == RANGES.index("beyond")).sum()), "of": known} if known else None
 
 
 def nearness(records: NDArray[np.void]) -> dict[str, Any]:
@@ -248,6 +261,7 @@ def index_table(records: NDArray[np.void]) -> pl.DataFrame:
     named = table.with_columns(
         pl.col("outcome").replace_strict(dict(enumerate(OUTCOME_NAMES)), return_dtype=pl.String),
         pl.col("reason").replace_strict(dict(enumerate(REASONS)), return_dtype=pl.String),
+        pl.col("range").replace_strict(dict(enumerate(RANGES)), return_dtype=pl.String),
     )
     schema = {name: column.dtype for name, column in INDEX_COLUMNS.items()}
     return named.cast(schema).sort("scenario", "count")  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,8 @@ class Dataset:
 
     def index(self) -> pl.DataFrame:
         """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""
-        return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS)
+        older = {"range": ""}  # what a dataset from before 26 November 2026 lacks
+        return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS, older)
 
     @cached_property
     def own_scenarios(self) -> list[Scenario]:
@@ -114,6 +116,10 @@ class Dataset:
                 columns = values[begin:end].reshape(people, -1, len(QUANTITIES)).transpose(2, 0, 1)
                 yield self._episode(one, columns.astype(np.float64))
 
+    @cached_property
+    def _beyond(self) -> set[Key]:
+        return set(self.index().filter(pl.col("range") == "beyond").select("scenario", "count").rows())
+
     def _episode(self, listed: Listed, columns: NDArray[np.float64]) -> Episode:
         """Return an episode of columns float64[10, n, T]; the vehicle moves along its heading."""
         x, y, vx, vy = columns[:4, 0]
@@ -122,7 +128,8 @@ class Dataset:
         vehicle = x, y, heading, speed, curvature_from_yaw_rate(rate, filled(speed))
         px, py, pvx, pvy, distance, curvttc = columns[4:]
         walk = px, py, pvx, pvy, curvttc, distance, np.zeros(px.shape, np.bool_)
-        return Episode(str(self.folder), listed, self._roads.get(listed.group), self.period, *vehicle, *walk)
+        found = Episode(str(self.folder), listed, self._roads.get(listed.group), self.period, *vehicle, *walk)
+        return replace(found, marks=("beyond_range",)) if listed.key in self._beyond else found
 
     def holds_rejected(self, name: str) -> bool:
         """Whether the dataset holds the rejected episodes of a scenario (`dataset.keep_rejected`)."""

@@ -110,18 +110,33 @@ class PolicyPredictor:
             actor.executed(action, active)
 
 
+def sources_for(bank: Bank, clip: NDArray[np.object_], people: str = "") -> NDArray[np.str_]:
+    """Return whose reactions act in each interaction, str[N]: its own source's where the bank has it, else the first's.
+
+    :param clip: object[N], "source/clip".
+    :param people: one source for all; empty: each its own.
+    :raises InvalidInput: the bank does not know that source.
+    """
+    names = np.array([people_of(name) for name in clip])
+    if people:
+        bank.of(people)
+        return np.full(len(names), people)
+    return np.where(np.isin(names, list(bank.reactions)), names, next(iter(bank.reactions)))
+
+
 class PeoplePredictor:
     """Recorded people of a bank, by the same code that the nodes run; both keep their velocity until it is critical.
 
-    :param clip: object[N], "source/clip" of each interaction: its people's reactions act, or the bank's first ones.
+    :param clip: object[N], "source/clip" of each interaction, see `sources_for`.
     :param seed: of the draws; row i draws as episode i of scenario 0.
+    :param people: the source whose reactions act in all of them; empty: see `sources_for`.
+    :raises InvalidInput: the bank does not know that source.
     """
 
     tracked_steps = TRACKED_STEPS
 
-    def __init__(self, bank: Bank, clip: NDArray[np.object_], seed: int = 0) -> None:
-        names = np.array([people_of(name) for name in clip])
-        self._people = np.where(np.isin(names, list(bank.reactions)), names, next(iter(bank.reactions)))
+    def __init__(self, bank: Bank, clip: NDArray[np.object_], seed: int = 0, people: str = "") -> None:
+        self._people = sources_for(bank, clip, people)
         self._bank, self._seed = bank, seed
 
     def begin(self, count: int) -> None:

@@ -7,10 +7,18 @@ import torch
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import STEPS, Onsets
-from vpsci_ros.evaluation.predictors import TRACKED_STEPS, PeoplePredictor, PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.predictors import (
+    TRACKED_STEPS,
+    PeoplePredictor,
+    PolicyPredictor,
+    Predictor,
+    RepeatVelocity,
+    sources_for,
+)
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
 from vpsci_ros.evaluation.scene import SHARPEST_TURN, scene_at
 from vpsci_ros.policy.bank import Bank
+from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
@@ -38,16 +46,30 @@ def tracked(onsets: Onsets) -> Floats:
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 
-def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS) -> Simulator:
-    """Return a policy as a simulator; K = 1 for networks, in which there is no chance."""
+def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
+    """Return a policy as a simulator; K = 1 for networks, in which there is no chance.
+
+    :param people: of a bank, whose reactions act, see `PeoplePredictor`.
+    """
 
     def simulate(onsets: Onsets) -> Floats:
         if not isinstance(own, Bank):
             return rolled_out(PolicyPredictor(own), onsets)
         again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
-        return rolled_out(PeoplePredictor(own, again.clip, seed), again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
+        predictor = PeoplePredictor(own, again.clip, seed, people)
+        return rolled_out(predictor, again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
 
     return simulate
+
+
+def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
+    """Return whose reactions act at each onset, str[n], and which onsets lie beyond that source's range, bool[n]."""
+    sources, start = sources_for(bank, onsets.clip, people), onsets.start
+    where, out = onsets_in(start[:, :2], start[:, 3:5], start[:, 5:7], start[:, 7:9]), np.zeros(len(onsets), np.bool_)
+    for name in np.unique(sources):
+        own = sources == name
+        out[own] = beyond(where[own], bank.of(str(name)).reach)
+    return sources, out
 
 
 def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) -> Floats:

@@ -15,7 +15,7 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.measures import COLUMNS, EPISODES
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
 from vpsci_ros.exam.report import (
     ADS,
     CHANGES,
@@ -59,7 +59,7 @@ def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earl
     require_form(stored, {"ads": str, "parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     advice = "give this exam the same --params and --set"
     require_same(f"--baseline {folder}", _conditions(stored), _conditions(identity), "is an exam", advice)
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
+    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
     rows = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
     return Earlier(folder, stored["ads"], rows)
 

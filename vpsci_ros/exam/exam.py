@@ -18,7 +18,9 @@ from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, 
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
 from vpsci_ros.policy.agent_types import AGENT_TYPES
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.bank import Bank
+from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
@@ -114,6 +116,12 @@ class Exam:
         """Weights of the default pedestrian."""
         return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
 
+    def reach(self, pedestrian: str) -> NDArray[np.float64] | None:
+        """Return the range of a pedestrian's recorded onsets, float64[4, 5]; None: it does not act by a bank."""
+        config = self.sections.get(PolicyConfig, "pedestrian_policy")
+        policy = load_policy(self.weights) if pedestrian == LEARNED else None
+        return policy.of(config.people).reach if isinstance(policy, Bank) else None
+
     def policy(self, pedestrian: str) -> PolicyConfig:
         """Return the parameters of a pedestrian that acts from the hand-over on, by its weights or added."""
         return dataclasses.replace(self.sections.get(PolicyConfig, "pedestrian_policy"), agent=pedestrian)
@@ -169,7 +177,7 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
     if config.recorded:
         require_own(exam.simulator.engine, "recorded people are replayed")
         read_near_misses(config.recorded)
-    _ = exam.weights, exam.scenarios
+    _ = exam.reach(LEARNED), exam.scenarios
     return dataclasses.replace(exam, files=driver_files(config))
 
 

@@ -13,6 +13,7 @@ from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
 from vpsci_ros.exam.report import Conduct
+from vpsci_ros.policy.onset_range import range_of_episode
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, GOAL, IDLE, OUTCOME_NAMES, PARKED_COLLISION, Scenario
 from vpsci_ros.world.crowd import KINDS
@@ -87,7 +88,13 @@ COLUMNS: dict[str, Column] = {
     "kind": Column(pl.String, "", "kind of the pedestrian that became critical first; empty: none did"),
     "group_size": Column(pl.Int64, "", "pedestrians of the episode; 0: none became critical"),
     "unanswered": Column(pl.Int64, "ticks", "ticks without a usable command of the ADS: the autopilot drove"),
+    "range": Column(
+        pl.String,
+        "",
+        "learned pedestrian: 'beyond' the range of its recorded onsets when it becomes critical, or 'within'; else ''",
+    ),
 }
+OLDER = {"range": ""}  # what exams from before 26 November 2026 lack
 
 
 class RunResult(NamedTuple):
@@ -119,11 +126,18 @@ def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:
 
 
 def episode_table(
-    run: RunResult, alone: Sequence[Episode], config: ExamConfig, *, driver: str, pedestrian: str
+    run: RunResult,
+    alone: Sequence[Episode],
+    config: ExamConfig,
+    *,
+    driver: str,
+    pedestrian: str,
+    reach: Floats | None = None,
 ) -> pl.DataFrame:
     """Return a row an episode, with the columns of `COLUMNS`; frames that nobody saw count as the last one seen.
 
     :param alone: the same driver on the same episodes with nobody there: the reference of the time lost.
+    :param reach: float64[4, 5], the range of the pedestrian's recorded onsets, see `vpsci_ros.policy.onset_range`.
     """
     reference = {episode.key: episode.path for episode in alone}
     rows = []
@@ -166,6 +180,7 @@ def episode_table(
                 "kind": seen_of.kind,
                 "group_size": seen_of.pedestrians,
                 "unanswered": run.unanswered.get(episode.key, 0),
+                "range": range_of_episode(episode, reach),
             }
         )
     return pl.DataFrame(rows, schema={name: column.dtype for name, column in COLUMNS.items()})

@@ -271,6 +271,13 @@ def print_report(report: Mapping[str, Any], page: Path) -> None:
     for name, row in report.get("against", {}).get("pedestrians", {}).items():
         counts = ", ".join(f"{len(row[kind])} {kind.replace('_', ' ')}" for kind in FAILED_BEFORE)
         console.print(f"against {report['against']['folder']}, {title_of(name)}: {counts}", markup=False)
+    if found := report["range"]:
+        console.print(
+            f"{found['beyond']} of {found['of']} critical episodes with the learned pedestrian begin beyond the range "
+            "of its recorded reactions",
+            markup=False,
+            highlight=False,
+        )
     for text in report["failures"]:
         console.print(f"FAILED  {text}", style="bold red", markup=False)
     if not report["failures"]:

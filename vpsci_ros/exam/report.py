@@ -82,11 +82,18 @@ def make_report(
         "differences": {name: differences(_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),
+        "range": _range(learned),
         "perception": None if perception is None else asdict(perception),
         "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
         "definitions": definitions(config),
         "failure": config.failure,
     }
+
+
+def _range(learned: pl.DataFrame) -> dict[str, int] | None:
+    """Return in how many critical episodes the learned pedestrian acts beyond its range; None: it has none."""
+    known = learned.filter(pl.col("range") != "")
+    return {"beyond": known.filter(pl.col("range") == "beyond").height, "of": known.height} if known.height else None
 
 
 def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:

@@ -23,7 +23,7 @@ from vpsci_ros.exam.config import ALONE
 from vpsci_ros.exam.earlier import check, compare, compared_with, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, RunResult, episode_table
 from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import Driven, exam_sources
@@ -91,7 +91,10 @@ def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFram
     """Return a row for each episode of a driver; of the baseline, those with nobody there are the reference alone."""
     names = [name for name in runs if driver == ADS or name != ALONE]
     alone = runs[ALONE].episodes if ALONE in runs else []
-    return pl.concat(episode_table(runs[name], alone, exam.config, driver=driver, pedestrian=name) for name in names)
+    return pl.concat(
+        episode_table(runs[name], alone, exam.config, driver=driver, pedestrian=name, reach=exam.reach(name))
+        for name in names
+    )
 
 
 def _episodes_of(runs: Mapping[str, RunResult]) -> Driven:
@@ -108,7 +111,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 
     :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
     """
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
+    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
     drivers: dict[str, Driven] = {ADS: partial(driven_episodes, folder)}
     if (folder / BASELINE).is_dir():
         drivers[BASELINE] = lambda name: read_kept(_autopilot(folder, name))

@@ -59,6 +59,7 @@ def _chosen(rows: pl.DataFrame, limit: int) -> Rows:
 def _marked(each: Shown, row: dict[str, Any]) -> Shown:
     """Return an episode with who yielded by the exam, its shares as marks, and the group of its failure."""
     marks = tuple(name for name in MARKS if row[f"mark {name}"])
+    marks += ("beyond_range",) if row["range"] == "beyond" else ()
     group = str(failure_group(row, each.episode)) if row["grouped"] else ""
     return each._replace(yielded=row["yielded"], marks=marks, failure=group)
 

@@ -4,10 +4,11 @@ Every episode is simulated to its end. Episodes that are never critical could en
 and cost about a tenth of the time, and to end them needs a proof that CurvTTC stays high in any scenario file.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.bags.run_record import node_record
 from vpsci_ros.bags.simulated import write_ticks
@@ -19,11 +20,13 @@ from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.verify import job_of
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
+from vpsci_ros.policy.onset_range import onsets_in, ranges
 from vpsci_ros.policy.policy_file import policy_from_bytes
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
+Floats = NDArray[np.float64]
 TOGETHER = 64  # episodes, ended, that the filters see at once
 
 
@@ -40,6 +43,7 @@ class Simulator:
         for agent, policy in job.policies.items():
             self._agents[agent] = learned_agent(agent, policy.config)
             self._agents[agent].load(policy_from_bytes(policy.data, policy.name), version=1)
+        self._reaches = [own.reach for own in self._agents.values() if own.reach is not None]
 
     def loop(self, episodes: Iterable[tuple[int, int]], scenario: int = 0) -> Loop:
         """Return the loop over every tick of these episodes, (scenario, number) each, or of one given scenario."""
@@ -57,11 +61,24 @@ class Simulator:
             waiting = frames.store(loop.world.now.state, assessment.curvttc, assessment.distance)
             loop.move()
             if waiting >= TOGETHER or loop.world.done:
-                blocks.append(apply_filters(frames.take(), job.filters).stored(job.keep_rejected))
+                ended = ranged(apply_filters(frames.take(), job.filters), self._reaches)
+                blocks.append(ended.stored(job.keep_rejected))
         whole = joined(blocks)
         if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")
         return whole
+
+
+def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
+    """Return episodes with their `range`: whether they become critical within the ranges of recorded people.
+
+    :param block: whose rows are all there.
+    :param reaches: float64[4, 5] of each agent that acts by a bank, see `vpsci_ros.policy.onset_range`.
+    """
+    records, (episode, row) = block.records.copy(), block.first_critical()
+    vehicle, velocity, place, walk = np.split(block.values[row, :8], 4, axis=1)
+    np.maximum.at(records["range"], episode, ranges(onsets_in(vehicle, velocity, place, walk), reaches))
+    return EpisodeBlock(records, block.values)
 
 
 def computing(job: Job, batch: int) -> Callable[[Unit], tuple[int, bytes]]:

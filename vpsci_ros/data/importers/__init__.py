@@ -12,6 +12,7 @@ from vpsci_ros.data.importers.run import (
     import_folders,
     import_trajectories,
     joined,
+    named,
     print_import_summary,
 )
 from vpsci_ros.data.importers.tracks import Clip, Importer, Track
@@ -26,5 +27,6 @@ __all__ = [
     "import_folders",
     "import_trajectories",
     "joined",
+    "named",
     "print_import_summary",
 ]

@@ -101,6 +101,20 @@ def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> Sourc
     return replace(parts[0], **sums, quartiles=quartiles, left_out=dict(left_out), assumed=tuple(assumed))
 
 
+def named(result: ImportResult, name: str) -> ImportResult:
+    """Return a result whose only source has another name, by which a bank's reactions are chosen (`--people`).
+
+    :raises InvalidInput: several sources, or a name that cannot be one.
+    """
+    if not name or not name.replace("_", "").replace("-", "").isalnum():
+        raise InvalidInput(f"--name {name!r}: expected letters, digits, _ and -")
+    if len(result.summaries) != 1:
+        sources = ", ".join(summary.source for summary in result.summaries)
+        raise InvalidInput(f"--name {name}: expected one source, got {sources}; import them one by one")
+    (summary,) = result.summaries
+    return ImportResult(result.table.with_columns(source=pl.lit(name)), (replace(summary, source=name),))
+
+
 def least_quartiles(table: pl.DataFrame) -> tuple[float, float, float]:
     """Return the quartiles of each interaction's least CurvTTC [s]; NaN without interactions."""
     least = table.group_by("interaction").agg(pl.col("curvttc").min())["curvttc"].to_numpy()

@@ -15,7 +15,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import joined, read_run
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, RunResult
 from vpsci_ros.exam.report import ADS, definitions
 from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group
 from vpsci_ros.extras.exam_extra.factors import FACTORS
@@ -40,7 +40,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     :raises InvalidInput: no exam that is over, or its driving system is another one now.
     :raises VpsciError: a node has failed.
     """
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
+    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
     stored = read_json(folder / EXAM)
     require_form(stored, {"parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     if stored.get("seat"):

@@ -33,6 +33,14 @@ def realism(
         list[str] | None,
         typer.Option("--weights", metavar="[NAME=]FILE", help="Further weights: files or shipped names; repeatable."),
     ] = None,
+    people: Annotated[
+        str | None,
+        typer.Option(
+            "--people",
+            metavar="SOURCE",
+            help="Whose recorded reactions act, a source of the banks; default: --data's own, else the bank's first.",
+        ),
+    ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
     held_out: Annotated[
         bool, typer.Option("--held-out", help="Measure only clips that none of the weights has learned from.")

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 from rich.console import Console
 
@@ -19,11 +20,12 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.errors import share_text
-from vpsci_ros.evaluation.onsets import find_onsets
-from vpsci_ros.evaluation.simulators import Simulator, policy
+from vpsci_ros.evaluation.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.simulators import Simulator, beyond_range, policy
 from vpsci_ros.extras.paper.realism.free import free
 from vpsci_ros.extras.paper.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.extras.paper.realism.two_sample import REPETITIONS
+from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.config import Sections
@@ -70,6 +72,14 @@ def _same_start(part: dict[str, Any], console: Console) -> None:
     console.print(text_table(title, [*heads, "contact"], rows))
     heads = ["", "vehicle", "pedestrian", "joint", "picked", "single features farthest from 0.5"]
     console.print(text_table("Features by which the classifier separates them", heads, families))
+    for name, own in part.get("range", {}).items():
+        acting = ", ".join(f"{who} at {count}" for who, count in own["people"].items())
+        share = own["beyond"] / own["of"]
+        console.print(
+            f"{name}: reactions of {acting} onsets; {own['beyond']} of {own['of']} onsets ({share:.0%}) lie beyond the "
+            "range of their recordings",
+            highlight=False,
+        )
     if part["not_in_library"]:
         console.print(
             f"The library holds nobody of {', '.join(part['not_in_library'])}: residual_sampler and constant_turn "
@@ -113,6 +123,8 @@ def measure_realism(
     repetitions: int = REPETITIONS,
     library: pl.DataFrame | None = None,
     dataset: Dataset | None = None,
+    banks: Mapping[str, Bank] | None = None,
+    people: str = "",
     parts: Path | None = None,
     inputs: Mapping[str, str] | None = None,
     notify: Notify | None = None,
@@ -125,6 +137,8 @@ def measure_realism(
     :param seed: of everything that is drawn.
     :param dataset: generated episodes, for B; `episodes` of them at most, the same number of each scenario.
     :param repetitions: of the classifier's test from the same start, with draws and folds of their own.
+    :param banks: those of the simulators that are banks, to tell which onsets lie beyond their ranges.
+    :param people: whose reactions act in them, see `PeoplePredictor`.
     :param parts: folder that keeps each measured part, from which a stopped run goes on.
     :param inputs: SHA-256 of what all this was read from, by name; a part of other inputs is measured again.
     :param notify: called with what is being measured, how many are done, and of how many.
@@ -146,10 +160,23 @@ def measure_realism(
         models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate))
     clips, missing = len(set(onsets.clip)), same_start.missing
     part = {"interactions": len(onsets), "clips": clips, "not_in_library": missing, "models": models}
+    part["range"] = {name: _range(bank, onsets, people) for name, bank in (banks or {}).items()}
     result: dict[str, Any] = {"same_start": part}
     if dataset is not None:
         result["free"] = kept("free", lambda: free(chosen[0], dataset, episodes, seed))
     return result
+
+
+def _range(bank: Bank, onsets: Onsets, people: str) -> dict[str, Any]:
+    """Return whose reactions act, and at how many onsets, and the interactions whose onsets lie beyond the range."""
+    sources, outside = beyond_range(bank, onsets, people)
+    names, counts = np.unique(sources, return_counts=True)
+    return {
+        "people": dict(zip(names.tolist(), counts.tolist(), strict=True)),
+        "beyond": int(outside.sum()),
+        "of": len(onsets),
+        "interactions_beyond": onsets.number[outside].tolist(),
+    }
 
 
 def _measured(same_start: SameStart, simulate: Simulator) -> dict[str, Any]:
@@ -178,6 +205,7 @@ def run_realism(
     data: Path,
     library: Path | None,
     weights: list[str] | None,
+    people: str | None,
     dataset: Path | None,
     held_out: bool,
     clean: bool,
@@ -196,7 +224,10 @@ def run_realism(
     loaded = {name: load_policy(path) for name, path in files.items()}
     if held_out:
         table = _kept_out(table, [loaded[name] for name in given or SHIPPED[:1]], data)
-    simulators = {name: policy(own, seed) for name, own in loaded.items()}
+    simulators = {name: policy(own, seed, people=people or "") for name, own in loaded.items()}
+    banks = {name: own for name, own in loaded.items() if isinstance(own, Bank)}
+    for bank in banks.values():
+        bank.of(people or "")  # refuse an unknown one before anything is measured
     inputs = list(files.values())
     inputs += [near_misses_path(name) for name in (data, library) if name is not None]
     made = None if dataset is None else Dataset(dataset)
@@ -206,6 +237,7 @@ def run_realism(
         "held_out": held_out,
         "seed": seed,
         "models": list(simulators),
+        "people": people or "",
         "data": str(data),
         "library": str(library or ""),
         "dataset": str(dataset or ""),
@@ -223,6 +255,8 @@ def run_realism(
             seed=seed,
             library=read_near_misses(library or near_misses_path(data)),
             dataset=made,
+            banks=banks,
+            people=people or "",
             parts=output,
             inputs=None if run is None else run.inputs,
             notify=lambda name, done, total: bars.bar("realism", done, total, name),
