@@ -138,7 +138,9 @@ def test_values_reach_over_a_hand_back_to_the_next_hand_over_discounted_by_the_t
     history.acting[:] = [True, True, False, False, again]
     batch = collate([history])
     reward = {a: UNIT * torch.tensor([[1.0, 2.0, 8.0, 0.0, 4.0]]) for a in AGENTS}
-    targets = Maddpg(made, UpdatesConfig(discount=0.5))._targets(Scored(batch.action, reward, batch), NO_NOISE)["vehicle"][0]
+    targets = Maddpg(made, UpdatesConfig(discount=0.5))._targets(Scored(batch.action, reward, batch), NO_NOISE)[
+        "vehicle"
+    ][0]
     before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a]], dim=1) for a in AGENTS}
     seen = {a: (batch.observation[a], before[a], batch.curvttc) for a in AGENTS}
     critic, actions = made.target_critic["vehicle"], [made.target_actor[a](*seen[a]) for a in AGENTS]
@@ -162,7 +164,8 @@ def test_the_lesser_of_two_critics_targets_counts(networks):
             critics["vehicle"].scale_values(sign)
     one = Maddpg(alone, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"]
     least = Maddpg(made, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"]
-    assert (one < 0.0).any() and (one > 0.0).any()
+    assert (one < 0.0).any()
+    assert (one > 0.0).any()
     torch.testing.assert_close(least, -one.abs())
 
 

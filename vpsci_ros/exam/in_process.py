@@ -123,7 +123,9 @@ def _seated(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
     seats = len(loop.world.state) // loop.world.config.pedestrians
     with contextlib.ExitStack() as stack:
         if exam.seat is not None:
-            yield Cockpit(stack.enter_context(exam.seat(log, patience)), exam.scenarios, seats, exam.world.spawn).answers
+            yield Cockpit(
+                stack.enter_context(exam.seat(log, patience)), exam.scenarios, seats, exam.world.spawn
+            ).answers
             return
         process = stack.enter_context(class_process(exam.config.ads_class, log, patience))
         process.seat(exam.scenarios, seats, exam.world.spawn)

@@ -148,15 +148,14 @@ class RefineConfig:
     refresh_every: int = parameter(100, "updates between two refreshes of the policies", low=1, high=1_000_000)
     updates_per_episode: int = parameter(
         2,
-        "updates for every episode that the policies took part in; Algorithm 1 has one, of 256 whole histories perhaps, "
-        "where ours are some seven",
+        "updates for every episode that the policies took part in, of some seven histories each; Algorithm 1 has one, "
+        "perhaps of 256 histories",
         low=1,
         high=64,
     )
     imitation: float = parameter(
         0.3,
-        "weight of the squared error of the action at recorded steps, beside the policy gradient at simulated ones; more "
-        "makes agents more like people, and collide more: docs/results.md",
+        "weight of the squared error of the action at recorded steps, beside the policy gradient at simulated ones",
         unit="(m/s2)^-2",
         low=0.0,
         high=100.0,

@@ -1,10 +1,11 @@
 """One update of Algorithm 1: critics by temporal difference, actors by the policy gradient.
 
-Stage 2 adds what an ablation showed to matter (docs/results.md): two critics an agent, of whose targets the lesser counts,
-and noise on the target actions, both from 'Addressing function approximation error in actor-critic methods' by Fujimoto
-et al. 2018 (TD3, https://arxiv.org/abs/1802.09477); and imitation of recorded steps beside a policy gradient that is
-divided by the mean |Q|, from 'A minimalist approach to offline reinforcement learning' by Fujimoto and Gu 2021 (TD3+BC,
-https://arxiv.org/abs/2106.06860).
+Stage 2 adds to it:
+
+- two critics an agent, of whose targets the lesser counts, and noise on the target actions, from 'Addressing function
+  approximation error in actor-critic methods' by Fujimoto et al. 2018 (TD3, https://arxiv.org/abs/1802.09477);
+- imitation of recorded steps beside a policy gradient that is divided by the mean |Q|, from 'A minimalist approach to
+  offline reinforcement learning' by Fujimoto and Gu 2021 (TD3+BC, https://arxiv.org/abs/2106.06860).
 """
 
 from dataclasses import dataclass, field
@@ -95,9 +96,7 @@ class Maddpg:
                 actions[agent] = action.expand(-1, batch.present.shape[1], -1)
         return actions
 
-    def update(
-        self, batch: Batch, scored: Scored, actions: Tensors | None, rng: np.random.Generator
-    ) -> UpdateResult:
+    def update(self, batch: Batch, scored: Scored, actions: Tensors | None, rng: np.random.Generator) -> UpdateResult:
         """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow.
 
         Errors and losses are those of the first critics, whose values the actors follow.

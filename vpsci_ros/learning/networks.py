@@ -112,7 +112,9 @@ class Networks(nn.Module):
         """
         for agent in AGENTS:
             mean, deviation = _moments(observations[agent])
-            for encoder in (network[agent].encoder for network in (self.actor, self.target_actor, *self.every_critic())):
+            for encoder in (
+                network[agent].encoder for network in (self.actor, self.target_actor, *self.every_critic())
+            ):
                 encoder.observation_mean.copy_(mean)
                 encoder.observation_scale.copy_(deviation)
             self.speed_mean[agent], deviation = _moments(speeds[agent])

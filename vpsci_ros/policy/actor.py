@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from vpsci_ros.policy.config import ACTOR_HIDDEN, NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer
 from vpsci_ros.world.observation import ACTION_SIZE
+
 OUTPUT_INIT = 3e-3  # bound of the last layer's initial weights, so that an untrained actor keeps its velocity
 
 

@@ -36,7 +36,7 @@ _QUANTITIES = (
 )  # fmt: skip
 _FAR = (1e9, 1e9, 0.0, 0.0, 0.0)  # a parked vehicle that nothing meets
 # [m] from where the walking route crosses the lane to the vehicle's goal in the paper's scenes: its rear is 2.7 m past
-# the walkers' line. Chosen with the spawns of params/scenarios, so that paths are as long as in Table 10: docs/results.md.
+# the walkers' line. Chosen with the spawns of params/scenarios so that paths are as long as in Table 10.
 PAPERS_GOAL = 5.0
 SCENARIO = np.dtype(
     [(name, "f8") for name in _QUANTITIES] + [("lane_count", "i8"), ("walk_count", "i8"), ("number", "u1")], align=True
