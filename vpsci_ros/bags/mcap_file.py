@@ -20,9 +20,10 @@ from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader, Summary
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.summary import Summary
 from zstandard import ZstdError, frame_content_size
 
 from vpsci_ros.documents import parse_yaml
