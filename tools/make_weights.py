@@ -1,12 +1,11 @@
 #!/usr/bin/env python
-"""Learn `ma_sst_ddpg` by the present code: stages 1 and 2 by the paper's algorithm, right turns of part train.
-
-The shipped file is from this command at commit ca2dc60.
+"""Learn `ma_sst_ddpg`: stages 1 and 2 of the paper's algorithm on its whole budget, right turns of part train.
 
     tools/make_weights.py [-o out/weights] [--seed 1] [--install]
 
 A run that is stopped goes on with the same command. `--seed N` learns with N in stage 1, and with N + 1 as the seed of
-learner, world and policies in stage 2. `--install` puts the file beside the package's others.
+learner, world and policies in stage 2. `--install` puts the weights that were best in the validation world of stage 2
+(`vpsci_ros.learning.online`) beside the package's others.
 """
 
 import argparse
@@ -36,7 +35,7 @@ def main() -> int:
         start = f"learner.weights={pretrained / 'pretrained.safetensors'}"
         learn("refine", "stage2_online", refined, [start, *second])
         if given.install:
-            print(f"installed: {shutil.copy(refined / 'refined.safetensors', SHIPPED)}")
+            print(f"installed: {shutil.copy(refined / 'best.safetensors', SHIPPED)}")
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

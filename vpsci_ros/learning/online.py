@@ -1,22 +1,27 @@
 """Stage 2 in one process: world, monitor, policies and learner called in turn, as the graph of nodes runs them."""
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
 
-from vpsci_ros.evaluation.outcomes import Outcomes
+from vpsci_ros.evaluation.outcomes import Outcomes, measure_outcomes
 from vpsci_ros.learning.config import RefineConfig, require_learnable
 from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.simulation import SimulationConfig
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.weights import Weights, save_weights
 from vpsci_ros.runs.folder import require_same
 from vpsci_ros.world.loop import Loop
 
-LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"
+LOG, EPISODES, BEST = "refine_log.csv", "refine_episodes.csv", "best.safetensors"
+VALIDATION_SEED = 4242  # of the validation world, whose other parameters are those of training
+VALIDATION_EPISODES = 25  # of each scenario, or as many as training has
+VALIDATE_EVERY = 3  # portions
 
 
 def refine(
@@ -29,10 +34,12 @@ def refine(
     out_dir: str | Path,
     report: Callable[[Report], None] | None = None,
 ) -> Weights:
-    """Simulate episodes, learn from them, and write `refined.safetensors` and logs to `out_dir`.
+    """Simulate episodes, learn from them, and write `refined.safetensors`, `best.safetensors` and logs to `out_dir`.
 
-    Episodes run in portions of four batches; a checkpoint after each lets a stopped run go on to the same
-    result. It ends early where the convergence test of section 4.1 is passed.
+    Episodes run in portions of four batches; a checkpoint after each lets a stopped run go on to the same result. It
+    ends early where the convergence test of section 4.1 is passed. After every third portion and the last one the
+    policies act in a validation world without exploration (`validation_...` in the log): `best` holds those with the
+    highest share of both goals less twice that of collisions, `refined` the last ones.
 
     :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
@@ -44,19 +51,25 @@ def refine(
     learner_seed = simulation.seed if learner_seed is None else learner_seed
     refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
     identity, episodes = simulation.identity(), simulation.episodes
-    portion, done, rows = 4 * simulation.batch, 0, []
+    portion, done, rows, best = 4 * simulation.batch, 0, [], -math.inf
     outcomes, builder = Outcomes(), TransitionBuilder()
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})
-        done, rows = extra["done"], extra["rows"]
+        done, rows, best = extra["done"], extra["rows"], extra["best"]
         outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
     while done < len(episodes) and not refiner.finished:
         part = episodes[done : done + portion]
         _simulate(simulation, part, refiner, builder, outcomes)
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
-        extra = {"done": done, "rows": rows, "simulation": identity}
+        if done % (VALIDATE_EVERY * portion) == 0 or done == len(episodes) or refiner.finished:
+            rows[-1] |= (rates := _validation(simulation, refiner.current()))
+            score = rates["validation_goal_rate"] - 2.0 * rates["validation_collision_rate"]
+            if score > best:
+                best = score
+                save_weights(out_dir / BEST, refiner.current())
+        extra = {"done": done, "rows": rows, "simulation": identity, "best": best}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         write_log(out_dir / LOG, rows)
         write_log(out_dir / EPISODES, refiner.progress.episode_returns)
@@ -66,6 +79,14 @@ def refine(
     refined = refiner.save()
     (out_dir / CHECKPOINT).unlink(missing_ok=True)
     return refined
+
+
+def _validation(simulation: SimulationConfig, weights: Weights) -> dict[str, float]:
+    """Return the rates of Table 5 of `weights` in the validation world, named `validation_...`."""
+    count = min(VALIDATION_EPISODES, 1 + max(number for _, number in simulation.episodes))
+    episodes = [(scenario.number, number) for number in range(count) for scenario in simulation.scenarios]
+    world = replace(simulation, episodes=episodes, batch=min(256, len(episodes)), seed=VALIDATION_SEED, policies={})
+    return {f"validation_{name}": rate for name, rate in measure_outcomes(weights, world).rates().items()}
 
 
 def _simulate(
