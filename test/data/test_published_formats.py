@@ -9,7 +9,7 @@ import pytest
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.importers.described import UNREADABLE
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.world_figures import check_recordings
+from vpsci_ros.report.recordings import check_recordings
 
 HEADING = 2.0  # [rad] of the car, 6 m/s from the origin; the walker comes from its right and is hit
 SPEED, WALK = 6.0, 1.5  # [m/s]

@@ -19,8 +19,9 @@ from vpsci_msgs.msg import AgentAction, SafetyState
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedSafety, write_odometry, write_safety_state
+from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
 from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick

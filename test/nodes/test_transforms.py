@@ -15,9 +15,9 @@ from vpsci_ros.nodes.recorder import is_own
 from vpsci_ros.nodes.topics import TOPICS
 from vpsci_ros.resources import robot_description
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.wire.answers import write_transforms
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.layout import motion_of
+from vpsci_ros.wire.odometry import write_transforms
 from vpsci_ros.world import EPISODE
 from vpsci_ros.world.observation import AGENTS
 

@@ -8,9 +8,9 @@ from tf2_msgs.msg import TFMessage
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.markers import SceneMarkers, scene_markers
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import write_odometry, write_transforms
 from vpsci_ros.wire.decoder import rewritten
 from vpsci_ros.wire.header import WireHeader, whole_words
+from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.tick import NO_ACTIONS
 

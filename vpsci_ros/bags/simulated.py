@@ -13,9 +13,10 @@ from vpsci_ros.bags.episodes import RECORD, EpisodeLog, EventRow
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_odometry, write_safety_state
+from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
 from vpsci_ros.wire.decoder import describe
 from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig

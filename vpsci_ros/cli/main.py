@@ -63,7 +63,7 @@ def import_command(
     from vpsci_ros.runs.progress import Bars
 
     if check:
-        from vpsci_ros.report.world_figures import check_recordings
+        from vpsci_ros.report.recordings import check_recordings
 
         picture = output.with_suffix(".png")
         print("\n".join(check_recordings(IMPORTERS.find(formats[0]).read(folders[0]), picture)))

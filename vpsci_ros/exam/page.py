@@ -23,10 +23,6 @@ from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import draw_episode
 from vpsci_ros.safety import HORIZON
 
-# ---- The pictures of an exam: measures with intervals, least distances, outcomes, and one episode with each
-# pedestrian.
-
-
 # Okabe and Ito's colours, which most people can distinguish
 COLOURS = {
     LEARNED: "#d55e00",

@@ -10,9 +10,9 @@ from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.markers import SceneMarkers
 from vpsci_ros.resources import robot_description
-from vpsci_ros.wire.answers import write_odometry, write_transforms
 from vpsci_ros.wire.header import WireHeader, write_clock
 from vpsci_ros.wire.layout import EVENTS, MAP, PlanarMotion, motion_of
+from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS

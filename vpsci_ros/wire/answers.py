@@ -5,7 +5,6 @@ takes 1 to 5 us more for each message and 0.17 s of CPU at the start of each nod
 """
 
 import struct
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,17 +12,13 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.header import (
-    LITTLE_ENDIAN,
     WireHeader,
     aligned,
-    padded,
     read_start,
     whole_words,
-    with_header,
-    with_text,
     write_start,
 )
-from vpsci_ros.wire.layout import SAFETY, PlanarMotion
+from vpsci_ros.wire.layout import SAFETY
 
 Floats = NDArray[np.float64]
 _U32 = struct.Struct("<I")
@@ -118,31 +113,3 @@ def _with_floats(data: bytes, values: Floats) -> bytes:
     """Return the message so far with a float64[n], n > 0, behind it."""
     data += _U32.pack(len(values))
     return data + bytes(-(len(data) - 4) % 8) + values.tobytes()
-
-
-# ---- Motions to serialized `nav_msgs/Odometry` and `tf2_msgs/TFMessage`, the bytes that ROS 2 makes of these
-# messages.
-
-
-_POSE = struct.Struct("<7d")  # x, y, z [m], and the rotation's x, y, z, w
-_TWIST = struct.Struct("<6d")  # velocity [m/s] and turning [rad/s] along and about x, y, z
-_UNKNOWN = bytes(8 * 36)  # covariance
-_ENCAPSULATION = LITTLE_ENDIAN + b"\0\0"
-
-
-def write_odometry(motion: PlanarMotion, frame: str, header: WireHeader) -> bytes:
-    """Return the serialized Odometry of the agent that has this frame, such as "vehicle"."""
-    start = padded(with_text(with_header(_ENCAPSULATION, header), f"{frame}/base_link"), 8)
-    return start + _pose(motion) + _UNKNOWN + _TWIST.pack(motion.speed, 0, 0, 0, 0, motion.yaw_rate) + _UNKNOWN
-
-
-def write_transforms(movers: Mapping[str, PlanarMotion], header: WireHeader) -> bytes:
-    """Return the serialized TFMessage of the poses of agents, by frame, from `map` to the frames."""
-    data = _ENCAPSULATION + struct.pack("<I", len(movers))
-    for frame, motion in movers.items():
-        data = padded(with_text(with_header(data, header), f"{frame}/base_link"), 8) + _pose(motion)
-    return data
-
-
-def _pose(motion: PlanarMotion) -> bytes:
-    return _POSE.pack(motion.x, motion.y, 0.0, 0.0, 0.0, *motion.quaternion)

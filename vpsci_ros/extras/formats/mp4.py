@@ -16,10 +16,6 @@ from vpsci_ros.report.canvas import new_figure, show_all
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground, outlines
 from vpsci_ros.runs.files import written_whole
 
-# ---- An episode as pictures from above, one a frame: road, vehicle, pedestrians, the ways they came, speeds,
-# CurvTTC.
-
-
 SIZE = 640  # [pixels] width and height
 _MARGIN = 4.0  # [m] around all that moves
 

@@ -35,9 +35,6 @@ from vpsci_ros.world.observation import STEP
 Floats = NDArray[np.float64]
 
 
-# ---- Every safety measure along every recorded interaction, and when each first says "conflict".
-
-
 MEASURES = ("CurvTTC", "center", "TTC 2D", "2nd order", "DRAC", "TTCE", "PET")
 
 
