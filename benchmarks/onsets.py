@@ -21,7 +21,7 @@ from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.data.reference import clean, trailing_slope
 from vpsci_ros.evaluation.onsets import STEPS, find_onsets
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
-from vpsci_ros.extras.paper.realism.free import SETS_OFF, STANDS
+from vpsci_ros.extras.paper.realism.long_run import SETS_OFF, STANDS
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import load_policy

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.extras.paper.realism.free import as_near_misses, watched_tracks
+from vpsci_ros.extras.paper.realism.free import as_near_misses
+from vpsci_ros.extras.paper.realism.long_run import watched_tracks
 
 HALF_SECOND, THREE_SECONDS = 5, 30  # steps
 PANELS = {  # title: bins

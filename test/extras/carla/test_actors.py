@@ -10,13 +10,8 @@ carla = pytest.importorskip("carla", reason="pip install 'vpsci_ros[carla]'")
 from extras.carla.stand_in import StandInActor  # noqa: E402
 
 from vpsci_ros import Pedestrian, Vehicle, Walker  # noqa: E402
-from vpsci_ros.extras.carla.server import (  # noqa: E402
-    vehicle_of,
-    vehicle_transform,
-    walker_control,
-    walker_of,
-)
-from vpsci_ros.extras.carla.world import LearnedWalker  # noqa: E402
+from vpsci_ros.extras.carla.actors import vehicle_of, vehicle_transform, walker_control, walker_of  # noqa: E402
+from vpsci_ros.extras.carla.walker import LearnedWalker  # noqa: E402
 
 
 def actor(kind="vehicle.x", x=0.0, y=0.0, yaw=0.0, velocity=(0.0, 0.0), turning=0.0):

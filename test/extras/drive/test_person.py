@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from vpsci_ros.extras.drive.page import Pressed, _pressed, held
+from vpsci_ros.extras.drive.page import Pressed, _pressed
+from vpsci_ros.extras.drive.person import held
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_STEERING_ANGLE, WHEELBASE
 
 LEFT, NOTHING = Pressed(steer=1.0), Pressed()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.extras.exam_extra.search.risk import LeastMargins, margin
+from vpsci_ros.extras.exam_extra.search.margin import LeastMargins, margin
 from vpsci_ros.world import ENDED, IDLE, RUNNING
 from vpsci_ros.world.state import EPISODE
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
+from vpsci_ros.extras.exam_extra.search.plan import Plan
 from vpsci_ros.extras.exam_extra.search.risk import Risk
-from vpsci_ros.extras.exam_extra.search.seek import Plan
 
 
 def pool(seed, size=8_000):

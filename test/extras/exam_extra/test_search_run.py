@@ -9,7 +9,7 @@ from seated import CARELESS, seated_here
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.extras.exam_extra.search import seek as plan
+from vpsci_ros.extras.exam_extra.search import plan
 from vpsci_ros.extras.exam_extra.search.run import run_search
 from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
 from vpsci_ros.resources import params_dir

@@ -10,7 +10,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import HOLDING, Imitation, Recent, lessons
-from vpsci_ros.extras.exam_extra.search.risk import LeastMargins
+from vpsci_ros.extras.exam_extra.search.margin import LeastMargins
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, rehearse, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.world import RUNNING

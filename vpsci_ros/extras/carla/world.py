@@ -5,12 +5,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from vpsci_ros.cosim import Pedestrian, Vehicle, Walker
-from vpsci_ros.cosim.pedestrian import Walk
+from vpsci_ros.cosim import Vehicle, Walker
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.carla.server import Actor, Controls, LiveServer, Server, vehicle_of, walker_control, walker_of
+from vpsci_ros.extras.carla.server import Controls, LiveServer, Server
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, engine
 from vpsci_ros.world.engines import Engine
 from vpsci_ros.world.tables import Inputs
@@ -91,37 +90,3 @@ class EngineWorld(World):
 
 
 CARLA = Engine(LiveServer, EngineWorld)
-
-
-# ---- The default pedestrian as a `carla.Walker` in anybody's synchronous world.
-
-
-class LearnedWalker:
-    """Moves a walker as a `vpsci_ros.Pedestrian` would go: call `step` before each `world.tick()`.
-
-    :param actor: the walker, spawned where it is to set off; nobody else, no AI controller either, moves it.
-    :param pedestrian: who it is; its route or goal is in our frame, whose y is CARLA's with the sign changed.
-    """
-
-    def __init__(self, actor: Actor, pedestrian: Pedestrian) -> None:
-        self.actor, self.pedestrian = actor, pedestrian
-
-    def step(
-        self,
-        vehicles: Iterable[Actor],
-        walkers: Iterable[Actor] = (),
-        parked: ArrayLike | None = None,
-        period: float = 0.05,
-    ) -> Walk:
-        """Have the walker move on as it wants to, and return how and why; `walk.faces` is an actor's id.
-
-        :param vehicles: those that it may react to; `walkers`: the others; its own actor among them is left out.
-        :param parked: see `Pedestrian.step`.
-        :param period: `fixed_delta_seconds` of the world [s].
-        :raises InvalidInput: see `Pedestrian.step`.
-        """
-        cars: Any = {each.id: vehicle_of(each) for each in vehicles}
-        others: Any = {each.id: walker_of(each) for each in walkers if each.id != self.actor.id}
-        walk = self.pedestrian.step(walker_of(self.actor), cars, others, parked, period)
-        self.actor.apply_control(walker_control(walk.vx, walk.vy))
-        return walk

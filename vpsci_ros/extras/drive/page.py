@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.driver_class import Begin, Observation
 from vpsci_ros.extras.drive.server import Server
 from vpsci_ros.report import html
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
@@ -16,7 +15,6 @@ from vpsci_ros.view.pack import ground
 from vpsci_ros.view.page import SCENE, inlined
 from vpsci_ros.wire.layout import PlanarMotion
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.kinematics import brake_for, steer_for, throttle_for
 
 LOOK = 0.2  # [s] after which a wait goes on: without a limit, Ctrl-C may reach another thread and wake nobody
 TEMPLATES = Path(__file__).resolve().parent / "templates"
@@ -133,58 +131,3 @@ def _pressed(values: Any) -> Pressed | None:
         return None
     steer, throttle, brake = values
     return Pressed(min(max(steer, -1.0), 1.0), min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0))
-
-
-# ---- A person as the driving system of an exam: sees each tick in the page, and drives in real time by what is
-# pressed.
-
-
-SIDEWAYS = 4.0  # [m/s2] to which a pressed key turns the wheel: less, the faster the vehicle is
-FORWARD, BACKWARD = 3.0, -8.0  # [m/s2] of a pressed pedal
-TURNING = 2.0  # [1/s] of the wheel's way from its middle to one end
-TREADING = 4.0  # [1/s] of a pedal's way
-
-
-class Person:
-    """A driver, see `vpsci_ros.exam.driver_class`.
-
-    :param period: of a tick [s].
-    :param factor: simulated over wall time.
-    """
-
-    def __init__(self, page: Page, period: float, factor: float) -> None:
-        self._page, self._period, self._tick = page, period, period / factor
-        self._held, self._due = Pressed(), 0.0
-
-    def reset(self, begin: Begin) -> None:
-        """Begin an episode with hands and feet off."""
-        self._held = Pressed()
-
-    def act(self, observation: Observation) -> tuple[float, float, float]:
-        """Show the tick, wait as long as it lasts, and return steer, throttle and brake.
-
-        :raises Left: nobody is there any more.
-        """
-        self._page.show(observation.time, observation.vehicle, observation.pedestrians)
-        if observation.time == 0.0:
-            self._page.wait_until_ready()
-            self._due = time.monotonic()
-        self._due = max(self._due + self._tick, time.monotonic())  # who is late does not hurry
-        self._page.wait(self._due)
-        self._page.require_person()
-        self._held = held(self._held, self._page.pressed, observation.vehicle.speed, self._period)
-        return self._held
-
-
-def held(before: Pressed, pressed: Pressed, speed: float, period: float) -> Pressed:
-    """Return steer, throttle and brake after `period` [s] in which something is pressed at `speed` [m/s].
-
-    Keys know on and off alone, so wheel and pedals follow them at the pace of hands and feet.
-    """
-    wanted = (
-        pressed.steer * steer_for(SIDEWAYS, speed),
-        pressed.throttle * throttle_for(FORWARD),
-        pressed.brake * brake_for(BACKWARD),
-    )
-    most = TURNING * period, TREADING * period, TREADING * period
-    return Pressed(*(min(max(to, at - step), at + step) for at, to, step in zip(before, wanted, most, strict=True)))

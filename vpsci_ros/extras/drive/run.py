@@ -20,7 +20,8 @@ from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.in_process import autopilot_run, loop_with
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.run import run_exam
-from vpsci_ros.extras.drive.page import Page, Person
+from vpsci_ros.extras.drive.page import Page
+from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Source, shown

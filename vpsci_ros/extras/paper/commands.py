@@ -298,8 +298,8 @@ def score(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
 ) -> None:
     """Say who was recognised, Table 11 and Figure 10 beside the paper's values, and what stays open."""
+    from vpsci_ros.extras.paper.turing.answers import read_answers
     from vpsci_ros.extras.paper.turing.page import PAGE, write_result
-    from vpsci_ros.extras.paper.turing.score import read_answers
 
     result = write_result(read_answers(key, answers), output)
     accuracy = result["recognised"]["generated"]["accuracy"]

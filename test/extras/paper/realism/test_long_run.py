@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from synthetic import synthetic_near_misses
 
-from vpsci_ros.extras.paper.realism.free import course, long_run
+from vpsci_ros.extras.paper.realism.long_run import course, long_run
 
 
 def track(**columns: object) -> np.ndarray:

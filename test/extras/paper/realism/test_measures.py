@@ -7,9 +7,9 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, energy_score, find_onsets
+from vpsci_ros.extras.paper.realism.controls import constant_velocity, residual_sampler
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
-from vpsci_ros.extras.paper.realism.same_start import constant_velocity, residual_sampler
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 
 CLIPS_OF = 4  # synthetic encounters that are to count as a clip

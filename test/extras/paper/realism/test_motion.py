@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.extras.paper.realism.features import fitted, motion, smoothed, with_onset
+from vpsci_ros.extras.paper.realism.motion import fitted, motion, smoothed, with_onset
 
 SIZE = np.array([[4.0, 2.0]])
 

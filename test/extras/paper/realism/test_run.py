@@ -14,9 +14,10 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
+from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn, constant_velocity
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
 from vpsci_ros.extras.paper.realism.run import measure_realism
-from vpsci_ros.extras.paper.realism.same_start import CONTROLS, SameStart, constant_turn, constant_velocity
+from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.runs.files import write_json
 

@@ -5,7 +5,8 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
-from vpsci_ros.extras.paper.studies.cross_validation import cross_validate, folds_by_clip
+from vpsci_ros.extras.paper.studies.cross_validation import cross_validate
+from vpsci_ros.extras.paper.studies.folds import folds_by_clip
 from vpsci_ros.learning.config import (
     PretrainConfig,
     ReplayConfig,

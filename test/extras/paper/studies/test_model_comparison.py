@@ -2,12 +2,13 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.evaluation.errors import CONTROLS
-from vpsci_ros.extras.paper.studies import networks as trials
-from vpsci_ros.extras.paper.studies.cross_validation import Refinement, held_out_folds
+from vpsci_ros.extras.paper.studies import trials
+from vpsci_ros.extras.paper.studies.cross_validation import Refinement
+from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.networks import train
-from vpsci_ros.extras.paper.studies.tables import table_9_page
+from vpsci_ros.extras.paper.studies.table_9_page import table_9_page
 from vpsci_ros.learning.config import (
     PretrainConfig,
     RefineConfig,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vpsci_ros.extras.paper.turing.score import Answers
+from vpsci_ros.extras.paper.turing.answers import Answers
 
 
 def simulated(

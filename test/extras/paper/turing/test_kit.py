@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.turing.answers import read_answers
 from vpsci_ros.extras.paper.turing.clips import FRAMES, SOURCES
 from vpsci_ros.extras.paper.turing.kit import KEY, PAGE, make_kit
-from vpsci_ros.extras.paper.turing.score import read_answers
 
 
 @pytest.fixture(scope="module")

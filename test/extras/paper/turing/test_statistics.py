@@ -5,17 +5,8 @@ import pytest
 from extras.paper.turing.raters import simulated
 from scipy import stats
 
-from vpsci_ros.extras.paper.turing.crossed import (
-    icc_2k,
-    mean_d_prime,
-    over_both,
-    over_raters,
-    over_scenes,
-    p_value,
-    share_of,
-    tost,
-    welch,
-)
+from vpsci_ros.extras.paper.turing.agreement import icc_2k, mean_d_prime
+from vpsci_ros.extras.paper.turing.crossed import over_both, over_raters, over_scenes, p_value, share_of, tost, welch
 from vpsci_ros.extras.paper.turing.score import conclusion, correct, knowing_raters, score
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)

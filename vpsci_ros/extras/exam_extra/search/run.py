@@ -26,8 +26,9 @@ from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.extras.exam_extra.search.imitation import lessons
+from vpsci_ros.extras.exam_extra.search.plan import AT_RANDOM, Plan
 from vpsci_ros.extras.exam_extra.search.risk import Count
-from vpsci_ros.extras.exam_extra.search.seek import AT_RANDOM, Driven, Plan, SearchConfig, seek
+from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek
 from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_json, write_text
 from vpsci_ros.runs.progress import Bars

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets
-from vpsci_ros.extras.paper.realism.features import Motion, motion, smoothed, with_onset
+from vpsci_ros.extras.paper.realism.motion import Motion, motion, smoothed, with_onset
 
 Floats = NDArray[np.float64]
 PSEUDO = 0.1  # counts that every bin has from the start

@@ -19,11 +19,12 @@ from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
-from vpsci_ros.evaluation.errors import share_text
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.simulators import Simulator, beyond_range, policy
+from vpsci_ros.extras.paper.realism.controls import CONTROLS
 from vpsci_ros.extras.paper.realism.free import free
-from vpsci_ros.extras.paper.realism.same_start import CONTROLS, SameStart
+from vpsci_ros.extras.paper.realism.same_start import SameStart
+from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import REPETITIONS
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
@@ -31,84 +32,8 @@ from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
-from vpsci_ros.runs.progress import Bars, text_table
+from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
-
-# ---- The measures of realism as text: one table a protocol, in 100 columns.
-
-
-def print_realism(result: dict[str, Any], console: Console) -> None:
-    """Print what `run.measure_realism` returned."""
-    _same_start(result["same_start"], console)
-    if "free" in result:
-        _free(result["free"], console)
-
-
-def _same_start(part: dict[str, Any], console: Console) -> None:
-    title = f"Same start: {part['interactions']} recorded onsets of {part['clips']} clips, 3 s"
-    heads = [
-        "",
-        "K",
-        "energy\nscore [m]",
-        "of constant\nvelocity's",
-        "of mean\nturn's",
-        "likelihood",
-        "C2ST AUC",
-        "contact",
-    ]
-    rows, families = [], []
-    for name, own in part["models"].items():
-        auc = share_text(own["c2st_auc"], own["c2st_auc_interval"])
-        rows.append(
-            (
-                *(name, f"{own['roll_outs']}", f"{own['energy_score']:.3f}"),
-                share_text(own["of_constant_velocity"], own["of_constant_velocity_interval"]),
-                *(f"{own['of_constant_turn']:.2f}", f"{own['likelihood']:.3f}", f"{auc} ±{own['c2st_auc_spread']:.2f}"),
-                f"{own['collision_rate']:.1%}",
-            )
-        )
-        cells = [f"{own['c2st_auc_of'][key][0]:.2f}" for key in ("vehicle", "pedestrian", "joint")]
-        families.append((name, *cells, f"{own['picked']:.0%}", _farthest(own["given_away_by"])))
-    console.print(text_table(title, [*heads, "contact"], rows))
-    heads = ["", "vehicle", "pedestrian", "joint", "picked", "single features farthest from 0.5"]
-    console.print(text_table("Features by which the classifier separates them", heads, families))
-    for name, own in part.get("range", {}).items():
-        acting = ", ".join(f"{who} at {count}" for who, count in own["people"].items())
-        share = own["beyond"] / own["of"]
-        console.print(
-            f"{name}: reactions of {acting} onsets; {own['beyond']} of {own['of']} onsets ({share:.0%}) lie beyond the "
-            "range of their recordings",
-            highlight=False,
-        )
-    if part["not_in_library"]:
-        console.print(
-            f"The library holds nobody of {', '.join(part['not_in_library'])}: residual_sampler and constant_turn "
-            "borrow from people of another site; noise comes from the scored clips.",
-            style="bold",
-        )
-    console.print(
-        "Energy score: proper, best for the true distribution; the ADE for one roll-out. C2ST: area under the curve of "
-        "a classifier in folds by clip, mean of ten ± deviation, 0.5 is perfect; recorded: recordings with another's "
-        "shake. Intervals: 95%, by clips.",
-        highlight=False,
-    )
-
-
-def _farthest(given_away_by: dict[str, float]) -> str:
-    return ", ".join(f"{key} {value:.2f}" for key, value in list(given_away_by.items())[:3])
-
-
-def _free(part: dict[str, Any], console: Console) -> None:
-    whole = part["long_run"]
-    rows = [
-        (key.replace("_", " "), *("{:.2f} [{:.2f}, {:.2f}]".format(*own[key]) for own in whole.values()))
-        for key in next(iter(whole.values()))
-    ]
-    console.print(text_table("Free simulation in the long run, watched equally long", ("", *whole), rows))
-    for name, (auc, low, high) in part["c2st_auc"].items():
-        single = _farthest(part["given_away_by"][name])
-        console.print(f"C2ST, {name}: {auc:.2f} ({low:.2f}-{high:.2f}); {single}", highlight=False)
-
 
 Notify = Callable[[str, int, int], None]
 

@@ -4,21 +4,19 @@ A few dozen vehicles make one split a lottery: held out or not, a single braking
 trains as often as there are folds and measures every interaction by the policies that have not learned from its clip.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 
-from vpsci_ros.data.interactions import Interactions, from_table, table_hash
-from vpsci_ros.data.near_misses import place_of, split_off
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.evaluation.errors import compare
 from vpsci_ros.evaluation.predictors import PolicyPredictor
-from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, eligible, measure
+from vpsci_ros.evaluation.protocols import Measured, measure
+from vpsci_ros.extras.paper.studies.folds import held_out_folds, pooled
 from vpsci_ros.extras.paper.studies.state import once
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
@@ -29,60 +27,6 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.runs.files import write_json
-
-# ---- Cross-validation by clip: every clip is held out in one fold, and errors of all folds are pooled.
-
-
-Parts = list[tuple[pl.DataFrame, Interactions]]
-
-
-def held_out_folds(near_misses: pl.DataFrame, folds: int, seed: int) -> tuple[Parts, Interactions]:
-    """Return, for each fold, what is learned from and what is held out; and all that is held out, fold by fold.
-
-    Held out are the interactions of a second or more of the fold's own clips.
-
-    :raises InvalidInput: `folds` is not from 2 to the number of clips, or a fold has no such interaction.
-    """
-    tables = folds_by_clip(near_misses, folds, seed)
-    parts = []
-    for number, (training, held_out) in enumerate(tables, 1):
-        try:
-            parts.append((training, eligible(from_table(held_out))))
-        except InvalidInput as error:
-            raise InvalidInput(f"fold {number} of {folds}: {error}; take fewer folds") from None
-    return parts, eligible(from_table(pl.concat([held_out for _, held_out in tables])))
-
-
-def pooled(measured: Sequence[Measured]) -> Measured:
-    """Return a model's errors in all folds, in the order of `held_out_folds`."""
-    return {
-        protocol: ProtocolErrors(
-            *(np.concatenate([getattr(m[protocol], field.name) for m in measured]) for field in fields(ProtocolErrors))
-        )
-        for protocol in measured[0]
-    }
-
-
-def folds_by_clip(table: pl.DataFrame, folds: int, seed: int) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
-    """Return (training, held out) of each fold: every clip is held out exactly once, and folds are of like size.
-
-    Clips, those with most interactions first and then in the order of a hash of (seed, source, clip), go to the fold
-    that has the fewest interactions so far.
-
-    :param folds: 2 or more, at most the number of clips.
-    :raises InvalidInput: another number of folds.
-    """
-    counts = table.group_by("source", "clip").agg(pl.col("interaction").n_unique().alias("n")).rows()
-    if not 2 <= folds <= len(counts):
-        raise InvalidInput(f"folds = {folds}: expected 2 to {len(counts)}, the number of clips")
-    members: list[list[tuple[str, str]]] = [[] for _ in range(folds)]
-    sizes = [0] * folds
-    for source, clip, n in sorted(counts, key=lambda row: (-row[2], place_of(seed, row[0], row[1]))):
-        lightest = sizes.index(min(sizes))
-        members[lightest].append((source, clip))
-        sizes[lightest] += n
-    return [split_off(table, held) for held in members]
-
 
 RESULT = "cross_validation.json"
 GUARD = 0.1  # share of near misses, by whole clips

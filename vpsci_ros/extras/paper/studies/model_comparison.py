@@ -15,10 +15,12 @@ import polars as pl
 
 from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.studies.cross_validation import GUARD, held_out_folds
+from vpsci_ros.extras.paper.studies.cross_validation import GUARD
+from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, without_reaction
-from vpsci_ros.extras.paper.studies.networks import by_reinforcement, train, try_steps, with_steps
+from vpsci_ros.extras.paper.studies.networks import by_reinforcement, train
 from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.extras.paper.studies.trials import try_steps, with_steps
 from vpsci_ros.learning import online
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import PretrainConfig

@@ -24,7 +24,8 @@ from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
-from vpsci_ros.extras.paper.studies.cross_validation import Refinement, pooled
+from vpsci_ros.extras.paper.studies.cross_validation import Refinement
+from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.runs.files import written_whole

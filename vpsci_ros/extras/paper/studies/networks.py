@@ -4,18 +4,13 @@ All learn from the same near misses in the same number of updates: by supervisio
 (the paper's supervised rows), or by reinforcement, multi-agent and single-agent, as `vpsci pretrain` trains.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
-import polars as pl
 import torch
 
-from vpsci_ros.data.interactions import Interactions, from_table
-from vpsci_ros.evaluation.predictors import PolicyPredictor
-from vpsci_ros.evaluation.protocols import eligible, measure
-from vpsci_ros.extras.paper.studies.cross_validation import folds_by_clip
+from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
@@ -110,47 +105,3 @@ class _Reinforcement:
         result = self._objective.update(batch, iteration, rng)
         critics = {f"{agent}_critic_loss": loss for agent, loss in result.critic_loss.items()}
         return critics | {f"{agent}_actor_loss": loss for agent, loss in result.actor_loss.items()}
-
-
-# ---- Tuning of each row of Table 9 on its own training clips: several steps of the optimisers, each tried once.
-
-
-PARTS, SHARE = 4, 3  # one of so many parts of the training clips is held back, and a trial has 1/3 of the updates
-
-
-def with_steps(config: PretrainConfig, factor: float) -> PretrainConfig:
-    """Return what has each optimiser's step sizes times `factor`."""
-    updates = config.updates
-    actors, critics = factor * updates.actor_learning_rate, factor * updates.critic_learning_rate
-    return replace(config, updates=replace(updates, actor_learning_rate=actors, critic_learning_rate=critics))
-
-
-def try_steps(
-    name: str,
-    training: pl.DataFrame,
-    config: PretrainConfig,
-    network: NetworkConfig,
-    seed: int,
-    factors: Sequence[float],
-    check: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:
-    """Return which of `factors` times the step sizes does best, as `factor`, and what each came to, as `ade`.
-
-    Each learns on three quarters of the clips of `training` in a third of the updates, and is measured by its ADE in
-    closed loop [m] on the last quarter; one that is not finite is not chosen.
-
-    :param check: called after every update.
-    :raises InvalidInput: fewer than four clips, or the last quarter has no interaction of a second.
-    :raises ValueError: no factor's ADE is finite.
-    """
-    learned, kept = folds_by_clip(training, PARTS, seed)[0]
-    held_out = eligible(from_table(kept))
-    config = replace(config, episodes=max(1, config.episodes // SHARE))
-    interactions = from_table(learned)
-    errors: list[float] = []
-    for factor in factors:
-        networks = train(name, interactions, with_steps(config, factor), network, seed, lambda _: check())
-        weights = networks.weights({}, {})
-        errors.append(float(measure(PolicyPredictor(weights), held_out)["closed_loop"].ade.mean()))
-    best = int(np.nanargmin(errors))
-    return {"factor": factors[best], "ade": {f"{f:g}": error for f, error in zip(factors, errors, strict=True)}}

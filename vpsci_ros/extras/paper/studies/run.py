@@ -23,15 +23,14 @@ from vpsci_ros.extras.paper.studies.learning import (
 from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
+from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import (
-    PAGE,
     print_table_3,
     print_table_5,
     print_table_9,
     save_table_3,
     save_table_5,
     save_table_9,
-    table_9_page,
 )
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.runs.config import Sections

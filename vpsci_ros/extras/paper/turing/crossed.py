@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.stats import norm
 
 Floats = NDArray[np.float64]
 
@@ -130,58 +129,3 @@ def _of_units(values: Floats) -> Mean:
 def _interval(value: float, error: float, freedom: float) -> Mean:
     half = float(stats.t.ppf(0.5 + LEVEL / 2.0, freedom)) * error
     return Mean(value, error, freedom, value - half, value + half)
-
-
-# ---- How far raters agree, ICC(2,k), and how well each separates real clips from made ones, d'.
-#
-# pingouin has ICC(2,k), and needs pandas, seaborn, statsmodels and scikit-learn for it; these few lines are checked
-# with the example of the paper that they come from.
-
-
-def icc_2k(ratings: Floats) -> tuple[float, float, float]:
-    """Return ICC(2,k) and its 95% interval: agreement of the mean of k raters, two-way random, absolute.
-
-    See Shrout and Fleiss, "Intraclass correlations: uses in assessing rater reliability" (Psychological Bulletin 86,
-    1979); the interval is McGraw and Wong's (Psychological Methods 1, 1996).
-
-    :param ratings: float64[R, n], raters and clips, at least 2 of each.
-    :returns: NaN where nobody's judgements differ.
-    """
-    raters, clips = ratings.shape
-    of_raters, of_clips, residual = mean_squares(ratings)
-    below = of_clips + (of_raters - residual) / clips
-    if not below > 0.0 or of_clips == 0.0:
-        return float("nan"), float("nan"), float("nan")
-    single = (of_clips - residual) / (of_clips + (raters - 1) * residual + raters * (of_raters - residual) / clips)
-    a = raters * single / (clips * (1.0 - single)) if single < 1.0 else np.inf
-    b = 1.0 + raters * single * (clips - 1) / (clips * (1.0 - single)) if single < 1.0 else np.inf
-    if residual == 0.0 or not np.isfinite(a + b):
-        value = (of_clips - residual) / below
-        return value, float("nan"), float("nan")
-    freedom = (a * of_raters + b * residual) ** 2 / (
-        (a * of_raters) ** 2 / (raters - 1) + (b * residual) ** 2 / ((clips - 1) * (raters - 1))
-    )
-    upper, lower = (stats.f.ppf(0.5 + LEVEL / 2.0, *d) for d in ((clips - 1, freedom), (freedom, clips - 1)))
-    noise = raters * of_raters + (raters * clips - raters - clips) * residual
-    low = clips * (of_clips - upper * residual) / (upper * noise + clips * of_clips)
-    high = clips * (lower * of_clips - residual) / (noise + clips * lower * of_clips)
-    low, high = (float(raters * s / (1.0 + (raters - 1) * s)) for s in (low, high))
-    return float((of_clips - residual) / below), low, high
-
-
-def d_prime(hits: NDArray[np.int64], false_alarms: NDArray[np.int64], signals: int, noises: int) -> Floats:
-    """Return d' of each rater, float64[R]: z(hit rate) - z(false alarm rate), a half added to each count.
-
-    See Hautus, "Corrections for extreme proportions and their biasing effects on estimated values of d'" (Behavior
-    Research Methods, Instruments and Computers 27, 1995).
-
-    :param hits: real clips rated as real, of `signals`; false_alarms: made ones, of `noises`.
-    """
-    difference: Floats = norm.ppf((hits + 0.5) / (signals + 1.0)) - norm.ppf((false_alarms + 0.5) / (noises + 1.0))
-    return difference
-
-
-def mean_d_prime(real: NDArray[np.bool_], made: NDArray[np.bool_]) -> Mean:
-    """Return the raters' mean d' with an interval for other raters; judgements "real", bool[R, K] each."""
-    each = d_prime(real.sum(axis=1), made.sum(axis=1), real.shape[1], made.shape[1])
-    return over_raters(each[:, None])

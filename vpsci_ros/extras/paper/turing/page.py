@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from vpsci_ros.extras.paper.turing.answers import Answers
 from vpsci_ros.extras.paper.turing.clips import CONTROL, GENERATED, RECORDED, SOURCES
-from vpsci_ros.extras.paper.turing.score import MARGIN, PUBLISHED_ICC, Answers, score
+from vpsci_ros.extras.paper.turing.score import MARGIN, PUBLISHED_ICC, score
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import write_json

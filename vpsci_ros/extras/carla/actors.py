@@ -1,0 +1,95 @@
+"""Conversion of CARLA's actors: its frame is left-handed, with y to the south, degrees clockwise from x, and z up.
+
+An actor's location is the origin of its model; ours is the centre of its bounding box.
+"""
+
+import math
+from typing import Any, Protocol
+
+from vpsci_ros.cosim import Vehicle, Walker
+
+STANDING = 0.1  # [m/s] below which a yaw rate says nothing of a curvature
+
+
+class Actor(Protocol):
+    """What is used of a `carla.Vehicle` or a `carla.Walker`."""
+
+    @property
+    def id(self) -> int:
+        """Its number in the world."""
+
+    @property
+    def bounding_box(self) -> Any:
+        """carla.BoundingBox: `location` of its centre and `extent`, half its sizes, in the actor's frame [m]."""
+
+    def get_transform(self) -> Any:
+        """carla.Transform: `location` [m] and `rotation` [deg]."""
+
+    def get_velocity(self) -> Any:
+        """carla.Vector3D [m/s], in the world's frame."""
+
+    def get_angular_velocity(self) -> Any:
+        """carla.Vector3D [deg/s], in the world's frame."""
+
+    def get_acceleration(self) -> Any:
+        """carla.Vector3D [m/s2], in the world's frame."""
+
+    def apply_control(self, control: Any) -> None:
+        """Take a carla.VehicleControl or carla.WalkerControl from the next tick on."""
+
+
+def vehicle_of(actor: Actor) -> Vehicle:
+    """Return a vehicle as it is now, in our frame: x east, y north, counter-clockwise, the centre of its box."""
+    place, box = actor.get_transform(), actor.bounding_box
+    heading = -math.radians(place.rotation.yaw)
+    c, s = math.cos(heading), math.sin(heading)
+    ahead, left = box.location.x, -box.location.y
+    velocity, push = actor.get_velocity(), actor.get_acceleration()
+    speed = c * velocity.x - s * velocity.y
+    yaw_rate = -math.radians(actor.get_angular_velocity().z)
+    return Vehicle(
+        x=place.location.x + c * ahead - s * left,
+        y=-place.location.y + s * ahead + c * left,
+        heading=heading,
+        speed=speed,
+        curvature=yaw_rate / speed if abs(speed) > STANDING else 0.0,
+        acceleration=c * push.x - s * push.y,
+        length=2.0 * box.extent.x,
+        width=2.0 * box.extent.y,
+    )
+
+
+def walker_of(actor: Actor) -> Walker:
+    """Return a pedestrian as it is now, in our frame."""
+    location, velocity = actor.get_transform().location, actor.get_velocity()
+    return Walker(location.x, -location.y, velocity.x, -velocity.y)
+
+
+def vehicle_transform(vehicle: Vehicle, centre: Any, height: float) -> Any:
+    """Return the carla.Transform that puts a vehicle's box where ours is.
+
+    :param centre: carla.Location of its box in its own frame [m].
+    :param height: z of the actor [m].
+    """
+    import carla
+
+    c, s = math.cos(vehicle.heading), math.sin(vehicle.heading)
+    x, y = vehicle.x - c * centre.x - s * centre.y, vehicle.y - s * centre.x + c * centre.y
+    return carla.Transform(carla.Location(x, -y, height), carla.Rotation(yaw=-math.degrees(vehicle.heading)))
+
+
+def walker_control(vx: float, vy: float) -> Any:
+    """Return the carla.WalkerControl that walks with a velocity of our frame [m/s]."""
+    import carla
+
+    speed = math.hypot(vx, vy)
+    if speed == 0.0:
+        return carla.WalkerControl(speed=0.0)
+    return carla.WalkerControl(carla.Vector3D(vx / speed, -vy / speed, 0.0), speed)
+
+
+def vehicle_control(steer: float, throttle: float, brake: float) -> Any:
+    """Return the carla.VehicleControl of ours: steer -1 to 1, positive to the left; CARLA's is to the right."""
+    import carla
+
+    return carla.VehicleControl(throttle=throttle, steer=-steer, brake=brake)

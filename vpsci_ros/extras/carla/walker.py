@@ -1,0 +1,41 @@
+"""The learned pedestrian as a `carla.Walker` in anybody's synchronous world."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from vpsci_ros.cosim import Pedestrian
+from vpsci_ros.cosim.pedestrian import Walk
+from vpsci_ros.extras.carla.actors import Actor, vehicle_of, walker_control, walker_of
+
+
+class LearnedWalker:
+    """Moves a walker as a `vpsci_ros.Pedestrian` would go: call `step` before each `world.tick()`.
+
+    :param actor: the walker, spawned where it is to set off; nobody else, no AI controller either, moves it.
+    :param pedestrian: who it is; its route or goal is in our frame, whose y is CARLA's with the sign changed.
+    """
+
+    def __init__(self, actor: Actor, pedestrian: Pedestrian) -> None:
+        self.actor, self.pedestrian = actor, pedestrian
+
+    def step(
+        self,
+        vehicles: Iterable[Actor],
+        walkers: Iterable[Actor] = (),
+        parked: ArrayLike | None = None,
+        period: float = 0.05,
+    ) -> Walk:
+        """Have the walker move on as it wants to, and return how and why; `walk.faces` is an actor's id.
+
+        :param vehicles: those that it may react to; `walkers`: the others; its own actor among them is left out.
+        :param parked: see `Pedestrian.step`.
+        :param period: `fixed_delta_seconds` of the world [s].
+        :raises InvalidInput: see `Pedestrian.step`.
+        """
+        cars: Any = {each.id: vehicle_of(each) for each in vehicles}
+        others: Any = {each.id: walker_of(each) for each in walkers if each.id != self.actor.id}
+        walk = self.pedestrian.step(walker_of(self.actor), cars, others, parked, period)
+        self.actor.apply_control(walker_control(walk.vx, walk.vy))
+        return walk

@@ -1,0 +1,106 @@
+"""Table 9 as a page: every column with its interval, in Markdown, for reports and for docs/results."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from vpsci_ros.extras.paper.published import TABLE_9
+
+PAGE = "models.md"
+_CONTROLS = {
+    "repeat_velocity": "last velocity repeated",
+    "constant_velocity_tracked": "constant velocity, tracked",
+}
+
+
+def table_9_page(result: dict[str, Any]) -> str:
+    """Return what `model_comparison.compare_models` returned as Markdown; `+` in a name: hybrid learning.
+
+    Errors [m, m/s] by both protocols with the paper's ADE on its own data; where they were measured, likeness to
+    people, outcomes in simulation and cost; and which steps each model took, if it tried several.
+    """
+    models = {_title(name): (name, of) for name, of in result["models"].items() if name != "constant_velocity"}
+    extent = (
+        f"{result['interactions']} interactions of {result['clips']} clips, each held out once; {result['folds']} "
+        f"folds, {result['seeds']} training(s) in each. 95% intervals by clips, of outcomes by Wilson."
+    )
+    parts = [extent, _errors(models)]
+    learned = {title: of for title, (_, of) in models.items() if "parameters" in of}
+    if any("people" in of or "world" in of for of in learned.values()):
+        control = result["models"].get("constant_velocity", {})
+        parts.append(_people(learned | {"no reaction (velocities kept)": {"world": control.get("world")}}))
+    if any("trials" in of for of in learned.values()):
+        parts.append(_trials(learned))
+    return "\n\n".join(parts) + "\n"
+
+
+def _title(name: str) -> str:
+    plain = name.removesuffix("_refined")
+    title = TABLE_9[plain].name if plain in TABLE_9 else _CONTROLS.get(plain, f"`{plain}`")
+    return title + (" +" if plain != name else "")
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---", *["---:"] * (len(heads) - 1)], *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _interval(value: float, ends: Sequence[float], digits: int) -> str:
+    return f"{value:.{digits}f} [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]"
+
+
+def _errors(models: dict[str, tuple[str, dict[str, Any]]]) -> str:
+    rows = []
+    for title, (name, of) in models.items():
+        once, loop, paper = of["reconstruction"], of["closed_loop"], TABLE_9.get(name)
+        speeds = [f"{value:.3f}" for value in list(once["rmse"].values())[:6]]
+        pairs = [", ".join(speeds[k : k + 2]) for k in (0, 2, 4)]
+        share = loop.get("share_of_ma_sst_ddpg")
+        cells = [title, *pairs, f"{once['ade']:.4f}", f"{once['fde']:.4f}", f"{paper.ade:.3f}" if paper else ""]
+        cells += [
+            _interval(loop["ade"], loop["ade_interval"], 3),
+            f"{loop['fde']:.3f}",
+            _interval(share[0], share[1], 2) if share else "",
+        ]
+        rows.append(cells)
+    heads = ["model", "v_veh long, lat", "v_ped long, lat", "d long, lat", "ADE", "FDE", "paper's ADE"]
+    return _table([*heads, "closed loop: ADE", "FDE", "ADE of MA-SST-DDPG's"], rows)
+
+
+def _people(models: dict[str, dict[str, Any]]) -> str:
+    rows = []
+    for title, of in models.items():
+        people, world = of.get("people"), of.get("world")
+        cells = [title, *[""] * 5]
+        if people:
+            share = people.get("share_of_ma_sst_ddpg")
+            cells[1:] = [
+                _interval(people["energy_score"], people["energy_score_interval"], 3),
+                _interval(share[0], share[1], 2) if share else "",
+                f"{people['min_ade_6']:.3f}",
+                _interval(people["likelihood"], people["likelihood_interval"], 3),
+                _interval(people["c2st_auc"], people["c2st_auc_interval"], 2),
+            ]
+        cells += [*_rates(world)] if world else [""] * 3
+        known = "parameters" in of
+        cells += [str(of["parameters"]), f"{of['training_seconds']:.0f}"] if known else ["", ""]
+        rows.append([*cells, f"{of['step_microseconds']:.0f}" if known else ""])
+    heads = ["model", "energy score [m]", "of MA-SST-DDPG's", "minADE6 [m]", "likelihood", "classifier", "collisions"]
+    more = ["of single trainings", "both goals", "parameters", "training [CPU s]", "step [CPU µs]"]
+    return _table([*heads, *more], rows)
+
+
+def _rates(world: dict[str, Any]) -> list[str]:
+    by_training = world["collision_by_training"]
+    (rate, *ends), (goal, *goal_ends) = world["collision"], world["goal"]
+    spread = f"{100.0 * min(by_training):.0f} to {100.0 * max(by_training):.0f}%"
+    shown = [f"{100.0 * r:.0f}% [{100.0 * e[0]:.0f}, {100.0 * e[1]:.0f}]" for r, e in ((rate, ends), (goal, goal_ends))]
+    return [shown[0], spread if len(by_training) > 1 else "", shown[1]]
+
+
+def _trials(models: dict[str, dict[str, Any]]) -> str:
+    rows = []
+    for title, of in models.items():
+        for fold, trial in enumerate(of.get("trials", []), 1):
+            tried = ", ".join(f"{factor}: {ade:.3f}" for factor, ade in trial["ade"].items())
+            rows.append([title, str(fold), f"{trial['factor']:g}", tried])
+    return _table(["model", "fold", "steps times", "closed-loop ADE [m] of each trial"], rows)
