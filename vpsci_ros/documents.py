@@ -157,6 +157,8 @@ def require_regular(path: str | Path, most: int = 2**40) -> None:
         status = Path(path).stat()
     except OSError:
         return
+    except ValueError as error:  # a NUL in it
+        raise InvalidInput(f"{shown(str(path))}: expected the path of a file: {reason(error)}") from None
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise InvalidInput(f"{path}: expected a file, found a pipe, a device or a socket; copy its content to a file")
     if status.st_size > most:

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
-from vpsci_ros.data.importers.described import UNREADABLE
+from vpsci_ros.data.importers.described import BLANK, UNREADABLE
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.recordings import check_recordings
 
@@ -278,6 +278,53 @@ def test_a_wrong_description_is_refused_by_key(old, new, said, tmp_path):
     (tmp_path / "layout.yaml").write_text(LAYOUT.replace(old, new))
     with pytest.raises(InvalidInput, match=said):
         import_trajectories(tmp_path, "described")
+
+
+@pytest.mark.parametrize(
+    ("layout", "said"),
+    [
+        ({"files": '"**.csv"'}, "files: expected a pattern for files in the folder|expected files .*found none"),
+        ({"files": '"**"'}, "expected files .*found none|expected columns"),
+        ({"files": "."}, "files: expected a pattern for files in the folder, such as .*got '.'|found none"),
+        ({"files": '"../*/*.csv"'}, r"files: expected a pattern for files in the folder, .*got '\.\./"),
+        ({"files": '"a\\0.csv"'}, "files: expected a pattern for files in the folder|found none"),
+        ({"beside": "{one: b/c}"}, "beside: expected parts of files' names such as {cars: people}, got {'one': 'b/c'}"),
+        ({"beside": '{one: ""}'}, "beside: expected parts of files' names"),
+        ({"beside": '{"": two}'}, "beside: expected parts of files' names"),
+        ({"beside": "{one: two}"}, "beside: no file with one in its name has one with two there .*found one.csv"),
+        ({"clip": "runn"}, "expected columns runn; runn is missing, the file has who, n, kind, px, py"),
+    ],
+)
+def test_a_pattern_or_a_column_that_names_nothing_is_refused(layout, said, tmp_path):
+    (tmp_path / "d").mkdir()
+    write_described(tmp_path / "d")
+    (tmp_path / "d" / "layout.yaml").write_text(LAYOUT + "".join(f"{key}: {value}\n" for key, value in layout.items()))
+    with pytest.raises(InvalidInput, match=said):
+        [*IMPORTERS.find("described").read(tmp_path / "d")]
+
+
+def test_rows_without_the_name_of_a_clip_are_left_out_and_counted(tmp_path):
+    write_described(tmp_path)
+    rows = pl.read_csv(tmp_path / "one.csv")
+    late = pl.when(pl.col("n") >= 20).then(pl.lit("late"))
+    rows.with_columns(run=late).write_csv(tmp_path / "one.csv")
+    (tmp_path / "layout.yaml").write_text(LAYOUT + "clip: run\n")
+    (clip,) = IMPORTERS.find("described").read(tmp_path)
+    assert (clip.name, clip.left_out[BLANK]) == ("one/late", 3 * 20)  # of the car, the walker and the bicycle
+    assert clip.vehicles[0].first == 10  # 1 s
+    rows.with_columns(run=pl.lit(None, pl.String)).write_csv(tmp_path / "one.csv")
+    with pytest.raises(InvalidInput, match="column run: expected the name of a clip in each row, got none"):
+        [*IMPORTERS.find("described").read(tmp_path)]
+
+
+def test_a_first_line_without_end_is_refused_before_it_is_taken_apart(tmp_path):
+    write_described(tmp_path)
+    (tmp_path / "one.csv").write_text("a," * 100_000 + "\n1\n")
+    for form in ("described", "hc"):
+        with pytest.raises(
+            InvalidInput, match=r"one.csv: its first line has 0.2 MB; expected a line of columns, of at m"
+        ):
+            [*IMPORTERS.find(form).read(tmp_path)]
 
 
 def with_compass(folder, **layout):

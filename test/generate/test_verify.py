@@ -163,6 +163,24 @@ def test_a_dataset_of_a_bag_is_refused(made, copy) -> None:
         verify(copy, serial)
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda given: given.update(first_episode=-1), "expected first_episode and simulated from 0 to"),
+        (lambda given: given.update(first_episode=2**63), "expected first_episode and simulated from 0 to"),
+        (lambda given: given["scenarios"][NAME].update(simulated=-5), "expected first_episode and simulated from 0 to"),
+        (lambda given: given["scenarios"].update(elsewhere=given["scenarios"].pop(NAME)), f"expected {NAME}, as conf"),
+        (lambda given: given["weights"]["vehicle"].update(sha256=7), "the dataset was made with 7"),
+    ],
+)
+def test_an_edited_description_is_refused(copy, change, said) -> None:
+    description = json.loads((copy / "dataset.json").read_text())
+    change(description)
+    (copy / "dataset.json").write_text(json.dumps(description))
+    with pytest.raises(InvalidInput, match=said):
+        verify(copy, serial)
+
+
 def test_a_recorded_parameter_is_read_back_or_refused_by_name(copy) -> None:
     description = json.loads((copy / "dataset.json").read_text())
     policy = description["configuration"]["vehicle_policy"]

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 from safetensors.numpy import save
@@ -38,6 +40,19 @@ def test_equal_weights_give_equal_bytes(networks):
     weights = networks().weights({"a": {"b": 1}}, {name: {"é": name} for name in ("one", "two", "three", "four")})
     assert len({weights_to_bytes(weights) for _ in range(8)}) == 1
     assert weights_from_bytes(weights_to_bytes(weights)).facts["two"] == {"é": "two"}
+
+
+@pytest.mark.parametrize("heads", [0, "", None])
+def test_a_configuration_without_heads_is_refused(networks, heads):
+    data = weights_to_bytes(networks().weights({}, {}))
+    header = int.from_bytes(data[:8], "little")
+    facts = json.loads(data[8 : 8 + header])
+    configuration = json.loads(facts["__metadata__"]["configuration"])
+    configuration["NetworkConfig"] |= {"heads": heads, "key_dimension": 8}
+    facts["__metadata__"]["configuration"] = json.dumps(configuration)
+    text = json.dumps(facts).encode()
+    with pytest.raises(InvalidInput, match="configuration: heads"):
+        weights_from_bytes(len(text).to_bytes(8, "little") + text + data[8 + header :])
 
 
 def changed(networks, **tensors):

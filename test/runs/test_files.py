@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import require_empty_folder, write_text, written_whole
+from vpsci_ros.runs.files import require_empty_folder, sha256, write_text, written_whole
 
 
 def test_a_failed_write_keeps_the_file_that_was_there(tmp_path) -> None:
@@ -68,6 +68,11 @@ def test_what_is_no_file_is_never_replaced_by_one(tmp_path) -> None:
     assert not [*tmp_path.glob(".*.part")]
     write_text(regular, "after")
     assert regular.read_text() == "after"
+
+
+def test_a_path_with_a_nul_is_refused_by_its_text() -> None:
+    with pytest.raises(InvalidInput, match=r"'map\\x00.xodr': expected the path of a file"):
+        sha256("map\0.xodr")
 
 
 def test_a_folder_that_holds_anything_is_refused(tmp_path) -> None:

@@ -25,7 +25,7 @@ from vpsci_ros.data.dataset_index import (
 )
 from vpsci_ros.data.dataset_reader import Dataset, file_table
 from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes, joined
-from vpsci_ros.documents import reason, require_form
+from vpsci_ros.documents import listed, reason, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
 from vpsci_ros.parameters import check_sections, with_constants
@@ -37,6 +37,9 @@ from vpsci_ros.world.scenario import scenario_from
 
 BLOCK = 1024
 _PLACES = {"": True, f"{REJECTED}/": False}  # of the files of kept and of rejected episodes
+
+
+MOST_EPISODES = 2**32  # of a scenario, by the numbers that they may have
 
 
 @dataclass(frozen=True)
@@ -89,12 +92,11 @@ def verify(
         for scenario in job.scenarios:
             files = {f"{place}{scenario.name}.{form}": kept for place, kept in _PLACES.items() for form in FORMATS}
             files = {name: kept for name, kept in files.items() if name in entries and (folder / name).is_file()}
-            first = int(data.description["first_episode"])
-            numbers = np.arange(first, first + data.scenarios[scenario.name]["simulated"])
+            numbers = _numbers(data, scenario.name)
             sampled = sample is not None and sample < len(numbers) and not changed & {*files, INDEX}
             if sampled:
                 rng = np.random.default_rng([seed, scenario.number])
-                numbers = np.sort(rng.choice(len(numbers), sample, replace=False) + first)
+                numbers = np.sort(numbers[rng.choice(len(numbers), sample, replace=False)])
             block = _simulated(pool, scenario.number, numbers)
             episodes, rows = episodes + len(block), rows + len(block.values)
             chosen = pl.col("count").is_in(numbers.tolist()) if sampled else pl.lit(True)
@@ -111,6 +113,25 @@ def verify(
         what = "its numbers are as simulated" if name.endswith((".parquet", ".csv")) else "not a table"
         findings.append(Finding(name, True, f"bytes differ from the hash in {DESCRIPTION}; {what}"))
     return VerifiedDataset(episodes, rows, findings, data.description["cpu"] == cpu_name())
+
+
+def _numbers(data: Dataset, scenario: str) -> NDArray[np.int64]:
+    """Return the numbers of the episodes that were simulated of a scenario.
+
+    :raises InvalidInput: the description does not say which these are.
+    """
+    where, first = data.folder / DESCRIPTION, data.description["first_episode"]
+    if scenario not in data.scenarios:
+        raise InvalidInput(
+            f"{where}: scenarios: expected {scenario}, as configuration says; got {listed(data.scenarios)}"
+        )
+    count = data.scenarios[scenario]["simulated"]
+    if min(first, count) < 0 or first + count > MOST_EPISODES:
+        raise InvalidInput(
+            f"{where}: {scenario}: expected first_episode and simulated from 0 to {MOST_EPISODES} together, got "
+            f"{shown(first)} and {shown(count)}"
+        )
+    return np.arange(first, first + count)
 
 
 def _simulated(pool: Workers[Unit, tuple[int, bytes]], scenario: int, numbers: NDArray[np.int64]) -> EpisodeBlock:
@@ -175,7 +196,7 @@ def job_of(data: Dataset) -> Job:
             for name, document in description.get("own_scenarios", {}).items()
         ]
         job = job_from(sections, weights, own)
-        digests = {agent: entry["sha256"] for agent, entry in stored.items()}
+        digests = {agent: str(entry["sha256"]) for agent, entry in stored.items()}
     except InvalidInput:
         raise
     except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
@@ -85,9 +86,13 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
     if not isinstance(configuration, dict) or not isinstance(configuration.get("NetworkConfig"), dict):
         raise InvalidInput(f"{where}: damaged weights file: no configuration in the metadata; copy or train it again")
     values = {name: value for name, value in configuration["NetworkConfig"].items() if RETIRED.get(name, ...) != value}
-    if values.get("key_dimension") == values.get("hidden", 0) / values.get("heads", 1):
-        del values["key_dimension"]  # always so
+    key_dimension = values.pop("key_dimension", None)  # of earlier files
     network = build(NetworkConfig, values, f"{where}, configuration")
+    if key_dimension not in (None, network.hidden // network.heads):
+        raise InvalidInput(
+            f"{where}, configuration: key_dimension = {shown(key_dimension)}: expected hidden / heads, "
+            f"{network.hidden // network.heads}"
+        )
     _check(tensors, network, where)
     return Weights(network, tensors, configuration, facts)
 

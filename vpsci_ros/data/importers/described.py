@@ -30,15 +30,16 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import Clip, Importer
+from vpsci_ros.data.importers.tracks import Clip, Importer, require_columns
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
-from vpsci_ros.documents import read_yaml, reason, require_form, shown
+from vpsci_ros.documents import listed, read_yaml, reason, require_form, shown
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.parameters import refuse_unknown
 
 FILE = "layout.yaml"
 UNREADABLE = "road users that cannot be read"  # a count of `Clip.left_out`
+BLANK = "rows without the name of a clip"  # likewise
 _COLUMNS = ("id", "frame", "time", "class", "x", "y", "vx", "vy", "speed", "heading", "length", "width")
 _KEYS: dict[str, Any] = {
     "files": "*.csv",
@@ -71,14 +72,13 @@ def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
     path = description or folder / FILE
     values = _values(path)
     layout = _layout(values, path)
-    files = sorted(folder.glob(values["files"]))
-    if not files:
-        raise InvalidInput(f"{folder}: expected files {values['files']}, as {path.name} says; found none")
+    files = _files(folder, values, path)
     size, seen = (float(values["length"]), float(values["width"])), Counter[str]()
     for file in files:
         name = file.relative_to(folder).with_suffix("").as_posix()
-        for part, table in _clips(file, values, layout):
-            yield _without_jumps(_readable(f"{name}{part}", file, table, layout)).with_size(*size)
+        for part, table, blank in _clips(file, values, layout):
+            clip = _without_jumps(_readable(f"{name}{part}", file, table, layout)).with_size(*size)
+            yield replace(clip, left_out={**clip.left_out, BLANK: blank})
             seen.update(classes_in(table, layout))
     for key, wanted in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)):
         if not wanted & seen.keys():
@@ -87,6 +87,38 @@ def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
                 f"{path}: {key}: none of {', '.join(sorted(wanted))} occurs in column {layout.columns['class']}, which "
                 f"has {counted}"
             )
+
+
+def _files(folder: Path, values: dict[str, Any], path: Path) -> list[Path]:
+    """Return the files that a layout names, sorted.
+
+    :raises InvalidInput: it names none, or `beside` none of the files that may be beside them.
+    """
+    pattern, unusable = values["files"], ""
+    try:
+        files = sorted(file for file in folder.glob(pattern) if file.is_file() and file.resolve() != path.resolve())
+    except (ValueError, IndexError, NotImplementedError) as error:
+        files, unusable = [], f" ({reason(error)})"
+    if unusable or ".." in Path(pattern).parts:
+        raise InvalidInput(
+            f"{path}: files: expected a pattern for files in the folder, such as '*.csv' or '**/*.csv', got "
+            f"{shown(pattern)}{unusable}"
+        )
+    if not files:
+        raise InvalidInput(f"{folder}: expected files {pattern}, as {path.name} says; found none")
+    for own, theirs in values["beside"].items():
+        if not any(_beside(file, str(own), str(theirs)) for file in files):
+            raise InvalidInput(
+                f"{path}: beside: no file with {own} in its name has one with {theirs} there beside it; found "
+                f"{listed(file.name for file in files)}"
+            )
+    return files
+
+
+def _beside(file: Path, own: str, theirs: str) -> Path | None:
+    """Return the file whose name has `theirs` where that of `file` has `own`; None: there is none."""
+    other = file.with_name(file.name.replace(own, theirs))
+    return other if other != file and other.is_file() else None
 
 
 def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path) -> pl.DataFrame:
@@ -113,19 +145,28 @@ def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path)
     return table.with_columns(**dict(zip(names, to_metres.transform(*degrees), strict=True)))
 
 
-def _clips(file: Path, values: dict[str, Any], layout: Layout) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Yield what follows the file's name in a clip's, and the clip's table."""
+def _clips(file: Path, values: dict[str, Any], layout: Layout) -> Iterator[tuple[str, pl.DataFrame, int]]:
+    """Yield what follows the file's name in a clip's, the clip's table, and how many rows of no clip precede it.
+
+    :raises InvalidInput: the file does not have the column `clip`, or no row has a value there.
+    """
     table = _table(file, values["delimiter"])
     for own, theirs in values["beside"].items():
-        if (other := file.with_name(file.name.replace(str(own), str(theirs)))).is_file() and other != file:
+        if (other := _beside(file, str(own), str(theirs))) is not None:
             table = pl.concat([table, _table(other, values["delimiter"])], how="diagonal_relaxed")
     table = _projected(table, values["projection"], layout, file)
     column = values["clip"]
-    if column not in table.columns:
-        yield "", table
+    if not column:
+        yield "", table, 0
         return
-    for (part,), rows in sorted(table.partition_by(column, as_dict=True, maintain_order=True).items()):
-        yield f"/{part}", rows
+    require_columns(table, [column], file)
+    known = table.drop_nulls(column)
+    if known.is_empty():
+        raise InvalidInput(f"{file}: column {column}: expected the name of a clip in each row, got none")
+    blank = table.height - known.height
+    for (part,), rows in sorted(known.partition_by(column, as_dict=True, maintain_order=True).items()):
+        yield f"/{part}", rows, blank
+        blank = 0
 
 
 def _table(file: Path, delimiter: str) -> pl.DataFrame:
@@ -190,6 +231,10 @@ def _values(path: Path) -> dict[str, Any]:
     return _KEYS | values
 
 
+def _is_in_a_name(part: object) -> bool:
+    return isinstance(part, (str, int)) and bool(text := str(part)) and not {"/", "\0"} & set(text)
+
+
 def _layout(values: dict[str, Any], path: Path) -> Layout:
     columns = values["columns"]
     if not isinstance(values["files"], str) or Path(values["files"]).is_absolute() or not values["files"]:
@@ -200,8 +245,12 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
         )
     if not isinstance(values["projection"], str):
         raise InvalidInput(f"{path}: projection: expected a name such as EPSG:32632, got {shown(values['projection'])}")
-    if not isinstance(values["beside"], dict) or not isinstance(values["clip"], str):
-        raise InvalidInput(f"{path}: expected beside: {{cars: people}} and clip: COLUMN, say")
+    if not isinstance(values["beside"], dict) or not all(map(_is_in_a_name, sum(values["beside"].items(), ()))):
+        raise InvalidInput(
+            f"{path}: beside: expected parts of files' names such as {{cars: people}}, got {shown(values['beside'])}"
+        )
+    if not isinstance(values["clip"], str):
+        raise InvalidInput(f"{path}: clip: expected the name of a column, got {shown(values['clip'])}")
     delimiter = values["delimiter"]
     if not isinstance(delimiter, str) or len(delimiter.encode()) != 1:
         raise InvalidInput(f"{path}: delimiter: expected one character such as ';', got {shown(delimiter)}")

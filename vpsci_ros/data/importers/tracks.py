@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 MAX_GAP = 0.25  # [s] rows further apart than this are not bridged: the track is cut there
 SPARSEST = 0.5  # [s] from one row of a road user to the next, 2 Hz; recordings of fewer rows are refused
 GAPS = "gaps between rows, at which tracks are cut"  # a count of `Clip.left_out`
+LONGEST_LINE = 2**16  # [bytes] of the first line, with the columns' names: a hundred thousand columns take gigabytes
 LARGEST = 2.0**53  # above it a float64 does not hold every whole number
 WHOLE = r"^([+-]?\d+)\.0*$"  # a whole number as pandas writes it where values are missing
 BACKWARDS = "frames of vehicles that drive backwards"  # a count of `Clip.left_out`
@@ -97,6 +98,7 @@ def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
         data = path.read_bytes()
         if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             data = data.decode("utf-16").encode()
+        require_short_line(data, path)
         header = data.partition(b"\n")[0].decode("utf-8-sig")
         delimiter = next((each for each in (delimiter, ";", "\t") if each in header), delimiter)
         table = pl.read_csv(data, infer_schema=False, separator=delimiter)
@@ -107,6 +109,16 @@ def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
     if delimiter != ",":
         text = text.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
     return table.with_columns(text.str.replace(WHOLE, "${1}"))
+
+
+def require_short_line(data: bytes, path: Path) -> None:
+    """Refuse a table whose first line has more than `LONGEST_LINE` bytes: it is no table of tracks, or of one line."""
+    end = data.find(b"\n")
+    if (length := end if end >= 0 else len(data)) > LONGEST_LINE:
+        raise InvalidInput(
+            f"{path}: its first line has {length / 1e6:,.2g} MB; expected a line of columns, of at most "
+            f"{LONGEST_LINE // 1024} kB, and one row a frame and road user below it"
+        )
 
 
 def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:

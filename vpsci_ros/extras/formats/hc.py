@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from scipy.interpolate import CubicSpline
 
-from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, require_short_line
 from vpsci_ros.documents import require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
@@ -46,8 +46,10 @@ def read_clip(path: Path) -> Clip:
     :raises InvalidInput: not five columns of numbers.
     """
     require_regular(path)
+    data = path.read_bytes()
+    require_short_line(data, path)
     try:
-        table = pl.read_csv(path, has_header=False, schema_overrides=[pl.Float64] * len(_COLUMNS))
+        table = pl.read_csv(data, has_header=False, schema_overrides=[pl.Float64] * len(_COLUMNS))
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InvalidInput(
             f"{path}: expected rows of {', '.join(_COLUMNS)}, numbers without a header: {error}"
