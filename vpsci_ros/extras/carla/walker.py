@@ -1,4 +1,4 @@
-"""The learned pedestrian as a `carla.Walker` in anybody's synchronous world."""
+"""The default pedestrian as a `carla.Walker` in anybody's synchronous world."""
 
 from collections.abc import Iterable
 from typing import Any

@@ -40,7 +40,7 @@ def _same_start(part: dict[str, Any], console: Console) -> None:
         )
         cells = [f"{own['c2st_auc_of'][key][0]:.2f}" for key in ("vehicle", "pedestrian", "joint")]
         families.append((name, *cells, f"{own['picked']:.0%}", _farthest(own["given_away_by"])))
-    console.print(text_table(title, [*heads, "contact"], rows))
+    console.print(text_table(title, heads, rows))
     heads = ["", "vehicle", "pedestrian", "joint", "picked", "single features farthest from 0.5"]
     console.print(text_table("Features by which the classifier separates them", heads, families))
     for name, own in part.get("range", {}).items():
