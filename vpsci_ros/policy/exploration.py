@@ -2,7 +2,7 @@
 
 The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distribution. Here:
 
-- N is a share of the largest acceleration, 5 m/s2. The shipped file reads 0.3 and 0.05 as m/s2: 0.06 and 0.01 of it.
+- N is a share of the largest acceleration, 5 m/s2: N_0 = 0.2 (1 m/s2) and N_min = 0.01 (0.05 m/s2).
 - t counts training episodes. Eight scenarios run in turn, so it is eight times the number of the episode, and the
   noise has faded after the 3,000 episodes of Table 8. Noise is a function of the episode alone, so it does not know
   how many scenarios a run has: `DECAY` is for eight.
