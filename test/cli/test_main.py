@@ -60,6 +60,10 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
             ["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "learner.sed=1"],
             "did you mean seed",
         ),
+        (
+            ["ads-test", "-o", "x", "--set", "ads_test.episodes=3"],
+            "ads_test has no parameter episodes; expected world_simulator.episodes; or give --episodes N",
+        ),
         (["bag", "export", "nowhere", "-o", "x"], "nowhere: no such folder"),
         (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
         (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),

@@ -12,7 +12,7 @@ from polars.testing import assert_frame_equal
 from synthetic import SOURCE, synthetic_near_misses
 
 from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, named
-from vpsci_ros.data.importers.run import near_misses_of
+from vpsci_ros.data.importers.run import near_misses_of, require_near_misses
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
 from vpsci_ros.data.importers.vci import VCI_DUT
 from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses
@@ -56,8 +56,8 @@ def vehicle_file(folder: Path) -> Path:
     return folder / "meeting_01_traj_veh_filtered.csv"
 
 
-def pedestrian_file(folder: Path) -> Path:
-    return folder / "meeting_01_traj_ped_filtered.csv"
+def pedestrian_file(folder: Path, name: str = "meeting_01") -> Path:
+    return folder / f"{name}_traj_ped_filtered.csv"
 
 
 def replace(path: Path, line: int, column: int, value: str) -> None:
@@ -110,6 +110,26 @@ def test_each_format_has_its_own_vehicle_size(tmp_path: Path, form: str, rate: f
     table = import_trajectories(tmp_path, form).table.filter(pl.col("curvttc").is_between(0.1, 2.0))
     contact = table["veh_x"] + 5.0 * table["curvttc"]
     assert contact.to_numpy() == pytest.approx(20.0 - 0.3 - length / 2.0, abs=5e-3)
+
+
+def test_an_import_without_a_near_miss_says_what_was_there_and_the_likely_cause(tmp_path: Path) -> None:
+    write_clip(tmp_path, "far", lateral=-30.0)
+    result = import_trajectories(tmp_path, "vci-dut")
+    counts = (
+        "vci-dut: 1 clips, 1 tracks of vehicles, 1 of pedestrians, 1 pairs that are there at the same time, none bel"
+    )
+    with pytest.raises(InvalidInput, match=f"no near miss: {counts}.*left out: nothing; nobody meets .* check units"):
+        require_near_misses(result)
+    edit(pedestrian_file(tmp_path, "far"), lambda lines: [lines[0], *(_later(line) for line in lines[1:])])
+    with pytest.raises(
+        InvalidInput, match="0 pairs .*; no vehicle is there when a pedestrian is; check the times of both"
+    ):
+        require_near_misses(import_trajectories(tmp_path, "vci-dut"))
+
+
+def _later(line: str) -> str:
+    number, frame, rest = line.split(",", 2)
+    return f"{number},{int(frame) + 10_000},{rest}"
 
 
 def test_folders_of_one_format_with_clips_of_one_name_are_told_apart(tmp_path: Path) -> None:

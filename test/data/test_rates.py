@@ -77,3 +77,14 @@ def test_no_near_miss_is_shorter_than_a_slope(tmp_path: Path) -> None:
     result = recorded(tmp_path, begins, velocities=True)
     assert result.table.group_by("interaction").len()["len"].min() >= LEAST_STEPS == 5
     assert result.summaries[0].left_out == {GAPS: 4, BRIEF: 1}
+
+
+def test_a_column_of_timestamps_is_told_as_such(tmp_path: Path) -> None:
+    rows = pl.DataFrame({"id": [1, 1], "time": [0, 100_000], "class": "car", "x": [0.0, 1.0], "y": 0.0})
+    rows.with_columns(pl.col("time").cast(pl.Datetime("us"))).write_parquet(tmp_path / "a.parquet")
+    names = ", ".join(f"{name}: {name}" for name in rows.columns)
+    (tmp_path / "layout.yaml").write_text('files: "*.parquet"\n' + LAYOUT % names)
+    with pytest.raises(
+        InvalidInput, match=r"column time holds timestamps \(Datetime.*expected numbers: write it as secon"
+    ):
+        import_trajectories(tmp_path, "described")

@@ -58,7 +58,13 @@ def import_command(
     ] = False,
 ) -> None:
     """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
-    from vpsci_ros.data.importers import IMPORTERS, import_folders, named, print_import_summary
+    from vpsci_ros.data.importers import (
+        IMPORTERS,
+        import_folders,
+        named,
+        print_import_summary,
+        require_near_misses,
+    )
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars
 
@@ -71,7 +77,8 @@ def import_command(
         return
     with Bars(f"importing {', '.join(map(str, folders))}"):
         result = import_folders(folders, formats)
-        result = result if name is None else named(result, name)
+    require_near_misses(result)
+    result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)
     print_import_summary(result)
     print(f"written: {output}")

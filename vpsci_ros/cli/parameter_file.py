@@ -106,5 +106,16 @@ def _assignment(text: str) -> tuple[str, str, Any]:
     rows = {row.name: row for stage in ELSEWHERE for kind in stage.sections.get(section, ()) for row in table(kind)}
     where = f"--set {text}"
     refuse_unknown({section: None}, {name: None for stage in ELSEWHERE for name in stage.sections}, where)
+    if name not in rows and (own := _others_with(name, section)):
+        option = "; or give --episodes N" if (section, name) == ("ads_test", "episodes") else ""
+        raise InvalidInput(
+            f"{where}: {section} has no parameter {name}; expected {' or '.join(f'{o}.{name}' for o in own)}{option}"
+        )
     refuse_unknown({name: None}, rows, where)
     return section, name, rows[name].check(parse_yaml(value, where), where)
+
+
+def _others_with(name: str, section: str) -> list[str]:
+    """Return the sections beside this one, of a stage that reads it, that have a parameter of this name."""
+    stages = [stage for stage in ELSEWHERE if section in stage.sections]
+    return list(dict.fromkeys(other for stage in stages for other in stage.sections if name in stage.reads(other)))

@@ -14,6 +14,7 @@ from vpsci_ros.data.importers.run import (
     joined,
     named,
     print_import_summary,
+    require_near_misses,
 )
 from vpsci_ros.data.importers.tracks import Clip, Importer, Track
 
@@ -29,4 +30,5 @@ __all__ = [
     "joined",
     "named",
     "print_import_summary",
+    "require_near_misses",
 ]

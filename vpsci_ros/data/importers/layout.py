@@ -211,6 +211,11 @@ def _whole(numbers: pl.Series, line: pl.Series, column: str, path: Path) -> pl.S
 
 def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl.Series:
     given = rows[column]
+    if given.dtype.is_temporal():
+        raise InvalidInput(
+            f"{path}: column {column} holds timestamps ({given.dtype}); expected numbers: write it as seconds, or in "
+            "another unit with time_unit"
+        )
     text = given.str.strip_chars() if given.dtype == pl.String else given
     numbers = text.cast(pl.Float64, strict=False)
     bad = ~numbers.is_finite().fill_null(False)

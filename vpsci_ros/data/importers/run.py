@@ -39,6 +39,7 @@ class SourceSummary:
     :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
     :ivar left_out: what of the recordings is not in `pairs`: what it is -> how often.
     :ivar assumed: what the recordings do not hold.
+    :ivar vehicles, pedestrians: unbroken tracks.
     """
 
     source: str
@@ -52,6 +53,8 @@ class SourceSummary:
     vehicle_width: float
     left_out: Mapping[str, int]
     assumed: tuple[str, ...] = ()
+    vehicles: int = 0
+    pedestrians: int = 0
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> Sourc
     left_out: Counter[str] = Counter()
     for part in parts:
         left_out.update(part.left_out)
-    names = ("clips", "pairs", "near_misses", "steps", "critical_steps")
+    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians")
     sums = {name: sum(getattr(part, name) for part in parts) for name in names}
     assumed = dict.fromkeys(text for part in parts for text in part.assumed)
     quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
@@ -147,6 +150,29 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
             console.print(f"{row.source}: left out {count:,} {text}")
         for text in row.assumed:
             console.print(f"{row.source}: {text}")
+
+
+def require_near_misses(result: ImportResult) -> None:
+    """Refuse an import without a near miss.
+
+    :raises InvalidInput: says what was read of each source, what was left out of it, and the likely cause.
+    """
+    if result.table.height:
+        return
+    found = []
+    for one in result.summaries:
+        left_out = ", ".join(f"{count:,} {what}" for what, count in one.left_out.items()) or "nothing"
+        found.append(
+            f"{one.source}: {one.clips:,} clips, {one.vehicles:,} tracks of vehicles, {one.pedestrians:,} of "
+            f"pedestrians, {one.pairs:,} pairs that are there at the same time, none below "
+            f"{CRITICAL_TTC:g} s of CurvTTC; left out: {left_out}"
+        )
+    cause = (
+        "nobody meets a vehicle closely; if they should, check units, axes and headings (--check draws the first pairs)"
+        if any(one.pairs for one in result.summaries)
+        else "no vehicle is there when a pedestrian is; check the times of both, and which classes are named"
+    )
+    raise InvalidInput(f"no near miss: {'; '.join(found)}; {cause}")
 
 
 # ---- Each vehicle with each pedestrian of a clip: CurvTTC along their joint track, and those that become critical.
@@ -214,6 +240,8 @@ def near_misses_of(
         vehicle_width=width,
         left_out=dict(+left_out),
         assumed=tuple(assumed),
+        vehicles=vehicles,
+        pedestrians=pedestrians,
     )
     return ImportResult(table, (summary,))
 
