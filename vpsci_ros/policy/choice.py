@@ -126,7 +126,8 @@ def _nearest(own, features, far, gaps, near):  # type: ignore[no-untyped-def]
 
     :param far: float64[M], squared distances to add.
     """
-    gaps[:] = far
+    for m in range(gaps.size):
+        gaps[m] = far[m]
     for k in range(FEATURES):  # feature by feature: rows of [8, M] lie together in memory
         for m in range(gaps.size):
             gap = own[k] - features[k, m]
