@@ -84,5 +84,4 @@ def beyond(onsets: Floats, reach: Floats) -> NDArray[np.bool_]:
     """Return which onsets, float64[n, 4], lie beyond a range, float64[4, len(LEVELS)]; bool[n]."""
     with np.errstate(invalid="ignore"):
         outside = (onsets < reach[:, 0]) | (onsets > reach[:, -1])
-    result: NDArray[np.bool_] = outside.any(axis=1)
-    return result
+    return np.asarray(outside.any(axis=1), np.bool_)
