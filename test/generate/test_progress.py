@@ -14,9 +14,10 @@ def shown(capsys, quiet: bool) -> str:
     return capsys.readouterr().err
 
 
-def test_a_line_tells_kept_simulated_rate_and_time_left(capsys) -> None:
+def test_a_line_tells_kept_simulated_rate_and_time_left(capsys, monkeypatch) -> None:
+    monkeypatch.setattr("vpsci_ros.runs.progress.LATER", 0.0)  # every line is said
     begun, first, last = shown(capsys, quiet=False).splitlines()
-    assert begun.strip().startswith("begun; a line every ")
+    assert begun.strip().startswith("begun; a line follows every ")
     assert first.strip().startswith("10 of 40 kept, 10 simulated, 0 kept/h")  # that was there before
     assert last.strip().startswith("14 of 40 kept, 20 simulated, ")
     assert last.endswith(" left")

@@ -119,7 +119,7 @@ def test_two_processes_of_which_one_is_killed_and_other_units_and_batches_give_t
 
 
 def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, monkeypatch) -> None:
-    unit, killed = Unit(1, range(200)), []
+    unit, killed = Unit(1, range(300)), []
     workers = simulators(job, 64, 2)
 
     def wait(connections):

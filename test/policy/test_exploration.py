@@ -5,7 +5,7 @@ from vpsci_ros.policy.exploration import amplitude, exploration_noise
 
 
 def test_amplitude_is_that_of_equation_16():
-    np.testing.assert_allclose(amplitude([0, 125, 10**6]), [0.07, 0.06 * np.exp(-1.0) + 0.01, 0.01])
+    np.testing.assert_allclose(amplitude([0, 125, 10**6]), [0.21, 0.2 * np.exp(-1.0) + 0.01, 0.01])
 
 
 def test_noise_is_a_function_of_seed_scenario_episode_step_and_agent():
@@ -34,7 +34,7 @@ def test_noise_has_the_deviation_that_is_set_and_no_bias():
 
 def test_noise_leans_one_way_for_a_second():
     """The sums of steps t and t + k share 10 - k of their 10 draws."""
-    episodes = np.arange(20000)
-    at = [exploration_noise(1, np.ones(20000, int), episodes, np.full(20000, t), 0)[:, 0] for t in (20, 25, 30)]
+    episodes, even = np.arange(20000), NoiseConfig(start=0.0)  # as large in each
+    at = [exploration_noise(1, np.ones(20000, int), episodes, np.full(20000, t), 0, even)[:, 0] for t in (20, 25, 30)]
     assert abs(np.corrcoef(at[0], at[1])[0, 1] - 0.5) < 0.03
     assert abs(np.corrcoef(at[0], at[2])[0, 1]) < 0.03

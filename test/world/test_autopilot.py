@@ -69,7 +69,7 @@ def test_the_walker_walks_on_beyond_its_goal_or_stands_there_and_the_vehicle_dri
     near = [
         dataclasses.replace(s, vehicle=dataclasses.replace(s.vehicle, goal=s.vehicle.path.length)) for s in SCENARIOS
     ]
-    config, watched = dataclasses.replace(ALONE, episode_time=30.0, walk_on=walk_on), 0
+    config, watched = dataclasses.replace(ALONE, spawn="human", episode_time=30.0, walk_on=walk_on), 0
     for frames in episodes(World(config, near, [(s, 0) for s in range(1, 9)], 8, 3)).values():
         arrived = np.flatnonzero(frames["pedestrian_goal"])
         if len(arrived) and len(frames) > arrived[0] + 60:
@@ -117,7 +117,8 @@ def test_the_autopilot_brakes_fully_at_the_fixed_distance_and_stops_for_a_standi
 @pytest.mark.parametrize("aside", [-2.5, 2.5])
 def test_the_vehicle_finds_its_lane_again_from_beside_it(aside):
     config = dataclasses.replace(ALONE, pedestrian_driver="constant_velocity", episode_time=10.0)
-    world = World(config, SCENARIOS[:1], [(1, 0)], 1, 1)
+    early = dataclasses.replace(SCENARIOS[0], vehicle=dataclasses.replace(SCENARIOS[0].vehicle, spawn=(16.0, 24.0)))
+    world = World(config, [early], [(1, 0)], 1, 1)
     world.state["vehicle_x"] += aside
     world.state["vehicle_heading"] += 0.3 * np.sign(aside)
     world.state["start_delay"] = 1000.0

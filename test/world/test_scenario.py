@@ -32,7 +32,7 @@ def test_pedestrians_walk_the_way_their_scenario_is_named_after(number):
     assert {"S-N": north, "N-S": -north, "E-W": -east, "W-E": east}[way] > 10.0
 
 
-@pytest.mark.parametrize(("number", "least"), [*((n, 87.0) for n in (1, 2, 5, 6)), *((n, 40.0) for n in (3, 4, 7, 8))])
+@pytest.mark.parametrize(("number", "least"), [*((n, 70.0) for n in (1, 2, 5, 6)), *((n, 40.0) for n in (3, 4, 7, 8))])
 def test_vehicles_turn_right_and_reach_their_goal_with_the_crosswalk_behind_the_rear_bumper(number, least):
     scenario = load_scenario(number)
     vehicle, walk = scenario.vehicle, scenario.pedestrian
