@@ -121,7 +121,7 @@ def crowd_from(config: WorldConfig) -> Crowd:
     )
 
 
-def tables_from(scenarios: Sequence[Scenario], spawn: str) -> Tables:
+def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Tables:
     """Return scenarios, S > 0 of them, as tables in the same order, and then those walked the other way.
 
     :param spawn: `WorldConfig.spawn`; with the paper's the vehicle's goal is at most `PAPERS_GOAL` behind the crossing.
