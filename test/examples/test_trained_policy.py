@@ -60,7 +60,7 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
         by_class.reset(None)
         for _ in range(20):
             action, _ = policy.predict(observation, deterministic=True)
-            expected = example.simulation.controls(action[None])[0]
+            expected = example.task.controls(action[None])[0]
             seen = SimpleNamespace(of_environment=partial(np.copy, observation))
             for _ in range(example.HOLD):
                 np.testing.assert_allclose(by_class.act(seen), expected, atol=1e-6)
