@@ -46,7 +46,9 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
 
     world: dict[str, Any] = {"scenarios": [1, 6], "episodes": 3, "batch": 2}
     settings = [f"world_simulator.{name}={value}" for name, value in world.items()]
-    settings += [f"learner.{each}" for each in (near_misses, f"weights={pretrained}", "refresh_every=2", "updates_per_episode=1")]
+    settings += [
+        f"learner.{each}" for each in (near_misses, f"weights={pretrained}", "refresh_every=2", "updates_per_episode=1")
+    ]
     second = run_graph(load("stage2_online", [*TOGETHER, *settings]), tmp_path / "stage2", quiet=True)
     assert second.error == ""
     learner = {name: float(value) for name, value in second.nodes["learner"].figures.items()}
