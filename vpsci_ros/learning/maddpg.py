@@ -9,6 +9,7 @@ Stage 2 adds to it:
 """
 
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.learning.config import UpdatesConfig
-from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.networks import Critics, Networks
 from vpsci_ros.learning.replay import Batch
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
@@ -110,8 +111,9 @@ class Maddpg:
             encoder = self.networks.critic[agent].encoder
             encoded = encoder(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1], batch.step)
             for critics in self.networks.critics:
-                state = critics[agent].branch(encoded).expand(-1, batch.present.shape[1], -1)
-                value = critics[agent].value(state, scored.action[agent], self._others(scored.action[other]))
+                critic = cast(Critics, critics)[agent]
+                state = critic.branch(encoded).expand(-1, batch.present.shape[1], -1)
+                value = critic.value(state, scored.action[agent], self._others(scored.action[other]))
                 delta = (targets[agent] - value) * batch.present
                 omega = importance(delta.detach() * UNIT, batch.present, self.config.importance_temperature)
                 losses.append((omega * delta**2).sum() / count)
@@ -158,7 +160,7 @@ class Maddpg:
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             encoder, others = networks.target_critic[agent].encoder, self._others(following[other])
             encoded = encoder(batch.observation[agent], before[agent], batch.curvttc, at)
-            critics = [every[agent] for every in networks.target_critics]
+            critics = [cast(Critics, every)[agent] for every in networks.target_critics]
             values = [critic.value(critic.branch(encoded), following[agent], others) for critic in critics]
             value = torch.stack(values).amin(dim=0).expand(-1, batch.present.shape[1] + 1)
             last, reward = value[rows, batch.length] * goes_on, scored.reward[agent] / UNIT

@@ -112,9 +112,8 @@ class Networks(nn.Module):
         """
         for agent in AGENTS:
             mean, deviation = _moments(observations[agent])
-            for encoder in (
-                network[agent].encoder for network in (self.actor, self.target_actor, *self.every_critic())
-            ):
+            actors = [actors[agent].encoder for actors in (self.actor, self.target_actor)]
+            for encoder in [*actors, *(critics[agent].encoder for critics in self.every_critic())]:
                 encoder.observation_mean.copy_(mean)
                 encoder.observation_scale.copy_(deviation)
             self.speed_mean[agent], deviation = _moments(speeds[agent])

@@ -21,14 +21,14 @@ class InwardClamp(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, out: Tensor, limit: float) -> Tensor:  # type: ignore[override]
+    def forward(ctx: Any, out: Tensor, limit: float) -> Tensor:
         """Return `out` clamped."""
         ctx.save_for_backward(out)
         ctx.limit = limit
         return out.clamp(-limit, limit)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         """Return the gradient; descent moves an output against it, so inward where both have the same sign."""
         (out,) = ctx.saved_tensors
         return gradient * ((out.abs() <= ctx.limit) | (gradient * out > 0)), None
