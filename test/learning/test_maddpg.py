@@ -151,6 +151,26 @@ def test_values_reach_over_a_hand_back_to_the_next_hand_over_discounted_by_the_t
     assert not batch.present[0, 2:4].any()
 
 
+@pytest.mark.parametrize("acting", [5, 3, 1])
+def test_steps_after_the_policies_last_one_need_not_be_encoded_for_the_same_targets(networks, acting):
+    """A collision while the rule-based pair drives, two steps before the end of an episode that has timed out."""
+    made, history = networks(gain=20.0), made_up(8, terminal=False, seed=5)
+    history.acting[acting:] = False
+    history.acting[1:acting:2] = False
+    for agent in AGENTS:
+        history.events[agent][:] = 0.0
+        history.events[agent][5, 0] = -UNIT
+    short = history.learnable(0.9)
+    maddpg, found = Maddpg(made, UpdatesConfig(discount=0.9)), []
+    for batch in (collate([history]), collate([short])):
+        reward = {agent: batch.events[agent].sum(dim=2) for agent in AGENTS}
+        targets = maddpg._targets(Scored(batch.action, reward, batch), NO_NOISE)
+        found.append(torch.stack([targets[agent][batch.present] for agent in AGENTS]))
+    assert (len(short), short.steps) == (acting, history.steps)
+    torch.testing.assert_close(found[1], found[0])
+    assert found[0].abs().min() > 0.0
+
+
 def test_the_lesser_of_two_critics_targets_counts(networks):
     made = Networks.from_weights(networks(gain=20.0).weights({}, {}), critics=2)
     batch = collate([made_up(40, terminal=False, seed=4)])

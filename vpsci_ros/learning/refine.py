@@ -154,7 +154,7 @@ class Refiner:
             totals = dict(zip(AGENTS, map(float, (sums * self.reward_weights.values).sum(axis=1)), strict=True))
             for agent, total in totals.items():
                 progress.returns[agent] += RETURN_SMOOTHING * (total - progress.returns[agent])
-            self._buffer.append(history)
+            self._buffer.append(history.learnable(self._config.updates.discount))
             progress.episodes += 1
             progress.episode_returns.append({"episode": progress.episodes} | totals)
             if progress.updates > progress.tested:  # else nothing was learned from the last one, and the norm is old

@@ -49,6 +49,30 @@ class History:
         """At how many steps the policies acted."""
         return int(np.count_nonzero(self.acting))
 
+    def learnable(self, discount: float) -> "History":
+        """Return the history up to the last step at which the policies acted; its temporal differences are the same.
+
+        Events after that step are added to its own, each discounted by the time until then, and what follows has no
+        value of its own. Nothing later is learned from, so an update need not encode it.
+        """
+        steps = int(np.flatnonzero(self.acting)[-1]) + 1
+        if steps == len(self):
+            return self
+        later = discount ** np.arange(len(self) - steps + 1)
+        events = {agent: values[:steps].copy() for agent, values in self.events.items()}
+        for agent, values in events.items():
+            values[-1] = later @ self.events[agent][steps - 1 :]
+        return History(
+            {agent: values[: steps + 1].copy() for agent, values in self.observation.items()},
+            self.curvttc[: steps + 1].copy(),
+            {agent: values[:steps].copy() for agent, values in self.action.items()},
+            {agent: values[:steps].copy() for agent, values in self.next_velocity.items()},
+            events,
+            self.acting[:steps].copy(),
+            terminal=True,
+            real=self.real,
+        )
+
 
 @dataclass(frozen=True)
 class Batch:
