@@ -59,7 +59,7 @@ def _from_the_ground_up(below: dict[str, set[str]]) -> list[str]:
 def first_sentence(room: str) -> str:
     """Return what a room says of itself."""
     if room == HALL:
-        return "Errors, parameters, documents (YAML and JSON) and resources, which every room uses."
+        return "Errors, parameters, documents (YAML and JSON) and resources, for all rooms."
     docstring = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")))
     return (docstring or "").split("\n\n")[0].replace("\n", " ")
 
@@ -71,7 +71,7 @@ def written() -> str:
     lines = [f"    {room} --> {other}" for room, theirs in direct(below).items() for other in sorted(theirs)]
     rows = [f"| `{room}` | {first_sentence(room)} |" for room in order]
     return "\n".join(
-        ["```mermaid", "flowchart BT", *lines, "```", "", "| room, from the ground up | |", "|---|---|", *rows, ""]
+        ["```mermaid", "flowchart BT", *lines, "```", "", "| room, imported ones first | content |", "|---|---|", *rows, ""]
     )
 
 

@@ -1,7 +1,7 @@
 """Gymnasium environments and a PettingZoo environment to train and test driving systems.
 
 After `import vpsci_ros.envs`, `gymnasium.make("vpsci_ros/RightTurn-v0")` makes an environment in which you drive the
-vehicle and the default pedestrian, or a reference one, reacts. `gymnasium.make_vec` makes a batch;
+vehicle and the default or a reference pedestrian reacts. `gymnasium.make_vec` makes a batch;
 `parallel.parallel_env` has both agents. World, monitor and policy are those of the nodes. Needs the extra `rl`.
 """
 
