@@ -28,7 +28,7 @@ DOCS = Path(__file__).parent.parent / "docs"
 BEGIN, END = "<!-- written by tools/node_tables.py -->\n", "<!-- until here -->\n"
 INTRODUCTION = """# Nodes: topics and services
 
-`tools/node_tables.py` writes this page from the code. [Parameters](parameters.md) lists what can be set.
+`tools/node_tables.py` writes this page from the code. [Parameters](parameters.md) lists all parameters.
 """
 
 PARAMETERS = """# Parameters
@@ -36,34 +36,34 @@ PARAMETERS = """# Parameters
 `tools/node_tables.py` writes this page from the code: each parameter once, by purpose. `params/*.yaml` set most of
 them; `--set NODE.NAME=VALUE`, `vpsci node NODE --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown
 name, a wrong type, a value out of range, or a name that the stage does not read ends the command with a message. A
-dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` holds what several
-nodes have. "(running)": may be set while the node runs. What is not here is a constant with its source
-(`constant(...)` in each room's `config.py`), which Python alone sets.
+dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` has the parameters that
+several nodes share. "(running)" marks a parameter that may be set while the node runs. All other values are constants,
+with their sources (`constant(...)` in each room's `config.py`); only Python code can change them.
 """
 
 NOTES = """
 ## Names, time and diagnostics
 
-- **Namespaces.** With `-r __ns:=/left` all names move: `/left/world/state`, and `/left/clock` for the world's time.
-  The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also `-r /clock:=clock`.
-  `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and nodes carry the namespace
+- **Namespaces.** With `-r __ns:=/left` all names get the prefix: `/left/world/state`, and `/left/clock` for the world's
+  time. The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also `-r /clock:=clock`.
+  `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the namespace as prefix
   (`left/vehicle/base_link`). Graphs in two namespaces or two values of `ROS_DOMAIN_ID` do not disturb each other.
 - **Quality of service.** `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`)
-  changes it. `/tf` and `/markers` keep 1,000 messages for the recorder, which must get all of them; a viewer
-  subscribes with a depth of its own.
+  changes it. `/tf` and `/markers` have a depth of 1,000 messages, since the recorder must get all of them; a viewer may
+  subscribe with any depth.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
-- **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, refused messages
-  (`vpsci_ros/world/counts.py`), stamped with simulated time as all messages of a bag. WARN: the node waits; ERROR: it
-  refuses messages. Reports depend on the machine. Everything else in a bag depends on the parameters
-  alone, as long as no answer is missing and no learner or external driving system takes part.
+- **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, rejected messages
+  (`vpsci_ros/world/counts.py`). Reports are stamped with simulated time, as all messages of a bag. WARN: the node waits;
+  ERROR: it rejects messages. Reports depend on the machine. Everything else in a bag depends on the parameters alone, as
+  long as no answer is missing and no learner or external driving system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
-  processes, the default, use several cores and have a log each.
-- **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while
-  somebody subscribes. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle`
-  and `pedestrian/base_link` (x where it walks). `rviz2 -d rviz/vpsci.rviz` and Foxglove (`docs/foxglove_layout.json`)
-  show them.
-- **End.** The world ends with its episodes. The other nodes wait for a next world until Ctrl-C.
-- **Network.** Discovery stays on this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise. Fast DDS reads
+  processes, the default, use several cores and write one log each.
+- **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while they
+  have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
+  `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
+  (`docs/foxglove_layout.json`) show them.
+- **End.** The world ends after its episodes. The other nodes wait for the next world until Ctrl-C.
+- **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
   `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
 """
 
@@ -87,27 +87,27 @@ def page() -> str:
 
 GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
     "Simulated episodes and datasets": (
-        "What happens in a simulated episode, and which episodes a dataset keeps.",
+        "The content of a simulated episode, and the episodes that a dataset keeps.",
         (RunConfig, WorldConfig, PolicyConfig, DatasetConfig),
     ),
     "Exams of a driving system": (
-        "With which pedestrians a driving system is tested, what it perceives, and how its commands are used.",
+        "The pedestrians of the exam, the perception of the driving system, and the criteria.",
         (ExamConfig, PerceptionConfig),
     ),
     "Graphs and bags": (
-        "How nodes run together, and how their messages are recorded and replayed.",
+        "The nodes of a run, and how their messages are recorded and replayed.",
         (GraphConfig, PeerConfig, SimulatorConfig, RecorderConfig, ReplayerConfig),
     ),
     "Learning from your own recordings": (
-        "From which near misses the policies learn, and where the weights go. Parameter files set the rest.",
+        "Training data and output folder. Parameter files set the rest.",
         (LearnerConfig,),
     ),
     "Research: how the policies learn": (
-        "The networks and the way in which they learn.",
+        "The networks and their training.",
         (NetworkConfig, PretrainConfig, RefineConfig),
     ),
 }
-"""What a reader wants to set -> in one sentence, and the tables."""
+"""Section title -> sentence and configuration classes."""
 
 
 def parameter_page() -> str:
