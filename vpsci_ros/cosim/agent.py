@@ -83,12 +83,12 @@ class Body:
 
     @property
     def record(self) -> np.void:
-        """The agent's own EPISODE record, a view: kept, it would be torn off by a copy or a pickle of the body."""
+        """The agent's EPISODE record, a view; created at each access, since copies of the body would lose it."""
         record: np.void = self.state[self._number]
         return record
 
     def person(self, speed: float) -> Person:
-        """Return the drawn person; fields drawn at the hand-over are empty before it."""
+        """Return the drawn person; fields that are drawn at the hand-over are empty before it."""
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
         return Person(kind, speed, delay, self.agent.lent(self._number), self.agent.beyond(self._number))
@@ -99,12 +99,12 @@ class Body:
             self.state[name] = value
 
     def put_vehicle(self, vehicle: Vehicle) -> None:
-        """Put the vehicle, completed, into all rows."""
+        """Write a vehicle with known curvature and acceleration into all rows."""
         for name in ("x", "y", "heading", "speed", "curvature", "acceleration"):
             self.state[f"vehicle_{name}"] = getattr(vehicle, name)
 
     def put_walkers(self, walkers: Sequence[Walker | None]) -> None:
-        """Put pedestrians into the rows from the first one on; None leaves a row empty."""
+        """Write pedestrians into the rows, from the first row on; None leaves a row empty."""
         for row, walker in enumerate(walkers):
             there = Walker(self.record["vehicle_x"] + AWAY, AWAY) if walker is None else walker
             for name, value in there._asdict().items():
@@ -112,7 +112,7 @@ class Body:
         self.state["pedestrians"] = len(walkers)
 
     def locate(self, what: str, x: float, y: float) -> None:
-        """Project the "vehicle" or the "pedestrian" onto its way, unless it is where the world moved it."""
+        """Project the "vehicle" or the "pedestrian" onto its path, unless its position is that of the world."""
         record = self.record
         if (record[f"{what}_x"], record[f"{what}_y"]) == (x, y):
             return
@@ -130,7 +130,7 @@ class Body:
         self.state[name][self.rows(what)] = place
 
     def rows(self, what: str) -> slice:
-        """Return the rows of an agent; a vehicle has all of them."""
+        """Return the rows of an agent; the vehicle is in all of them."""
         return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
 
     def tick(self, ttc: NDArray[np.float64], distance: NDArray[np.float64], parked: NDArray[np.float64]) -> None:
@@ -149,7 +149,7 @@ class Body:
         self.world.advance(assessment, actions)
 
     def seen(self, vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
-        """Return CurvTTC [s] and distance of the centres [m] of pairs, float64[n] each; one may stand against many."""
+        """Return CurvTTC [s] and distance of the centres [m], float64[n] each; one agent may be paired with many."""
         cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
         ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7])
         return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)

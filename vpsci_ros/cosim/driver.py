@@ -109,7 +109,7 @@ class Driver:
 
     @property
     def start(self) -> Vehicle:
-        """The spawn of the scenario's episode before the first step; later the last place that `step` returned."""
+        """The spawn of the scenario's episode; after the first step the last position returned by `step`."""
         names = ("x", "y", "heading", "speed", "curvature", "acceleration")
         return Vehicle(*(float(self._body.record[f"vehicle_{name}"]) for name in names))
 

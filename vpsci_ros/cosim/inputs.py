@@ -1,4 +1,4 @@
-"""The inputs of one step: checked states of all road users, completed from the step before.
+"""The inputs of one step: checked states of all road users, completed from the previous step.
 
 Positions are metres in a right-handed frame, x east and y north; angles are radians, counter-clockwise from x (REP
 103). docs/pedestrian.md has the conversions from other engines' frames.
@@ -140,13 +140,13 @@ def checked_period(period: Any) -> int:
 
 
 class Tracks:
-    """The vehicles of the step before, to complete curvature and acceleration."""
+    """The vehicles of the previous step, to compute missing curvatures and accelerations."""
 
     def __init__(self) -> None:
         self._last: dict[Hashable, Vehicle] = {}
 
     def completed(self, vehicles: dict[Hashable, Vehicle], since: float) -> dict[Hashable, Vehicle]:
-        """Return vehicles with curvature and acceleration; a reversing one is turned round.
+        """Return vehicles with curvature and acceleration; a reversing vehicle gets the opposite heading.
 
         :param since: time since the step before [s]; 0 at the first one.
         """
@@ -180,7 +180,7 @@ def _forward(vehicle: Vehicle) -> Vehicle:
 
 
 def driven_on(vehicle: Vehicle, time: float) -> Vehicle:
-    """Return a completed vehicle as it is `time` [s] later at the same speed on the same arc."""
+    """Return a vehicle predicted `time` [s] ahead, at the same speed on the same arc."""
     if time == 0.0:
         return vehicle
     assert vehicle.curvature is not None
@@ -190,5 +190,5 @@ def driven_on(vehicle: Vehicle, time: float) -> Vehicle:
 
 
 def walked_on(walkers: Iterable[Walker], time: float) -> list[Walker]:
-    """Return pedestrians as they are `time` [s] later at the same velocity."""
+    """Return pedestrians predicted `time` [s] ahead at the same velocity."""
     return [w._replace(x=w.x + w.vx * time, y=w.y + w.vy * time) for w in walkers]

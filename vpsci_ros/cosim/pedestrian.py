@@ -113,7 +113,7 @@ class Pedestrian:
 
     @property
     def start(self) -> Walker:
-        """The spawn of the scenario's episode before the first step; later the last place that `step` returned.
+        """The spawn of the scenario's episode; after the first step the last position returned by `step`.
 
         :raises InvalidInput: before the first step of a pedestrian with a `goal`.
         """

@@ -1,4 +1,4 @@
-"""The scenario of an agent: one of ours, or one made of a route in another map."""
+"""The scenario of an agent: one of this package, or one made from a route in another map."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ SHORTEST = 1.0  # [m]
 
 
 def named_scenario(scenario: int | str | Path | Scenario) -> Scenario:
-    """Return a scenario by number, name, file, or itself.
+    """Return the scenario given by number, name, file or value.
 
     :raises InvalidInput: no such scenario.
     """

@@ -134,5 +134,5 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
 
 
 def parallel_env(**kwargs: Any) -> VehiclePedestrianEnv:
-    """Return the environment, under the name by which PettingZoo's tools look for it."""
+    """Return the environment; PettingZoo's tools expect this function's name."""
     return VehiclePedestrianEnv(**kwargs)

@@ -1,4 +1,4 @@
-"""The right turn as a Gymnasium environment: its user drives the vehicle, the pedestrian answers."""
+"""The right turn as a Gymnasium environment: the user drives the vehicle, the pedestrian reacts."""
 
 from collections.abc import Iterable
 from pathlib import Path

@@ -38,7 +38,7 @@ class Snapshot:
 
 
 class Simulation:
-    """`batch` slots, each with an episode of its own, advanced by the policy period at each step.
+    """`batch` slots, each with its own episode, advanced by the policy period at each step.
 
     There is one action a slot: the vehicle's, or that of all its pedestrians.
 

@@ -1,4 +1,4 @@
-"""Table 9's columns for any models, under the two honest protocols, with confidence intervals."""
+"""Table 9's columns for any models, by both protocols, with confidence intervals."""
 
 from collections.abc import Mapping
 from typing import Any

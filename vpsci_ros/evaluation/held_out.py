@@ -10,7 +10,7 @@ from vpsci_ros.policy.weights import Weights
 
 
 class HeldOut:
-    """Measures weights on held-out interactions; the control's errors are known once and for all.
+    """Measures weights on held-out interactions; the control's errors are computed once.
 
     :param table: near-miss table of the held-out clips.
     :raises InvalidInput: none of them lasts a second.
@@ -36,7 +36,7 @@ class HeldOut:
 def split_as_before(
     near_misses: pl.DataFrame, weights: Weights, fraction: float, seed: int
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return near misses to learn from, and those of the clips that `weights` were not trained on.
+    """Return near misses to train on, and those of the clips that `weights` were not trained on.
 
     If the table has none of these clips, `fraction` of it is held out, by whole clips.
     """

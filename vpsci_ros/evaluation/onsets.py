@@ -1,4 +1,4 @@
-"""Recorded onsets: the first step at which CurvTTC, as known then, is below 5 s, a second before and 3 s after."""
+"""Recorded onsets (first step whose causal CurvTTC is below 5 s) with 1 s before and 3 s after each."""
 
 from dataclasses import dataclass, replace
 
@@ -64,7 +64,7 @@ class Onsets:
 
 
 def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
-    """Return who may be borrowed from for whom, bool[n, L]: other clips, of the same source where there are any."""
+    """Return the candidate donors of each onset, bool[n, L]: other clips, of the same source if it has any."""
     strange = onsets.clip[:, None] != library.clip[None, :]
     near = strange & (onsets.source[:, None] == library.source[None, :])
     return np.where(near.any(axis=1, keepdims=True), near, strange)

@@ -1,4 +1,4 @@
-"""How simulated episodes end under policies, as a rule by a seed not learned on and without exploration."""
+"""Outcomes of simulated episodes under policies, usually without exploration and with a seed not trained on."""
 
 import math
 from collections.abc import Collection
@@ -20,7 +20,7 @@ from vpsci_ros.world.tick import Assessment, Tick
 
 @dataclass
 class Outcomes:
-    """How the episodes that the policies took part in ended.
+    """Outcomes of the episodes in which the policies had control.
 
     `rates` are the columns of Table 5 over episodes that were handed over; `least_curvttc` [s] lists theirs.
     """
@@ -30,7 +30,7 @@ class Outcomes:
     least_curvttc: list[float] = field(default_factory=list)
 
     def note(self, events: NDArray[np.void]) -> None:
-        """Take the events of a tick into account, EVENT[n]."""
+        """Count the events of a tick, EVENT[n]."""
         for event in events:
             key = int(event["scenario"]), int(event["episode"])
             if event["kind"] == HANDED_OVER:
@@ -50,7 +50,7 @@ class Outcomes:
 
 
 class NoAcceleration:
-    """The control in simulation: an agent under it keeps its speed, and the vehicle its lane."""
+    """The control in simulation: agents with acceleration 0; the vehicle keeps its lane."""
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float64]:
         """See `Agent.act`."""

@@ -20,14 +20,14 @@ Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
 class Predictor(Protocol):
-    """Anything that answers observations of N parallel interactions with both agents' accelerations.
+    """Interface of models: from observations of N parallel interactions to both agents' accelerations.
 
     `tracked_steps` is the argument of `scene.scene_at`, which makes the first scene of the closed loop.
     """
 
     @property
     def tracked_steps(self) -> int:
-        """Observed steps by which the vehicle's speed is known at the start; 0: as recorded."""
+        """Number of steps from which the vehicle's first speed is estimated; 0: the recorded speed."""
 
     def begin(self, count: int) -> None:
         """Prepare for `count` interactions with empty histories."""
@@ -46,11 +46,11 @@ class Predictor(Protocol):
         """
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """Take the accelerations [m/s2] that were executed where `active` into the histories."""
+        """Append the executed accelerations [m/s2] to the histories where `active`."""
 
 
 class RepeatVelocity:
-    """The control: the last observed velocity repeated, that is, no acceleration.
+    """The control: it repeats the last observed velocity (acceleration 0).
 
     :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's by its last observed positions.
     """
@@ -77,7 +77,7 @@ class RepeatVelocity:
 
 
 class PolicyPredictor:
-    """Both actors of a weights file, by the same streaming code that the nodes run."""
+    """Both actors of a weights file, run by the nodes' streaming code."""
 
     tracked_steps = 0  # speeds as recorded, as they have learned
 
@@ -111,7 +111,7 @@ class PolicyPredictor:
 
 
 def sources_for(bank: Bank, clip: NDArray[np.object_], people: str = "") -> NDArray[np.str_]:
-    """Return whose reactions act in each interaction, str[N]: its own source's where the bank has it, else the first's.
+    """Return the bank's source for each interaction, str[N]: the interaction's if the bank has it, else the first.
 
     :param clip: object[N], "source/clip".
     :param people: one source for all; empty: each its own.
@@ -125,7 +125,7 @@ def sources_for(bank: Bank, clip: NDArray[np.object_], people: str = "") -> NDAr
 
 
 class PeoplePredictor:
-    """Recorded people of a bank, by the same code that the nodes run; both keep their velocity until it is critical.
+    """Reactions of a bank, by the nodes' code; both agents keep their velocity until CurvTTC is critical.
 
     :param clip: object[N], "source/clip" of each interaction, see `sources_for`.
     :param seed: of the draws; row i draws as episode i of scenario 0.
@@ -178,5 +178,5 @@ class PeoplePredictor:
 
 
 def predictor_of(policy: Policy, clip: NDArray[np.object_], seed: int = 0) -> Predictor:
-    """Return what predicts by a policy; `clip` and `seed` as `PeoplePredictor` takes them."""
+    """Return the predictor of a policy; `clip` and `seed` as in `PeoplePredictor`."""
     return PeoplePredictor(policy, clip, seed) if isinstance(policy, Bank) else PolicyPredictor(policy)

@@ -1,4 +1,4 @@
-"""The two honest protocols for error: reconstruction and closed loop, batched over interactions.
+"""The two error protocols, reconstruction and closed loop, batched over interactions.
 
 Both begin at the first critical step (CurvTTC < 5 s) after up to ten observed steps, and take interactions that stay
 within 5 s for at least one second, from the first critical step to the last.
@@ -55,7 +55,7 @@ Measured = dict[str, ProtocolErrors]
 
 
 def eligible(interactions: Interactions) -> Interactions:
-    """Return the interactions of at least one second that the protocols take.
+    """Return the interactions that the protocols use: those of at least one second.
 
     :raises InvalidInput: there is none.
     """
@@ -91,7 +91,7 @@ def reconstruct(model: Predictor, interactions: Interactions) -> ProtocolErrors:
 
 
 def constant_velocity_reconstruction(interactions: Interactions) -> ProtocolErrors:
-    """Return the errors of holding the velocity of the first critical step, in the reconstruction's terms."""
+    """Return the reconstruction errors of a model that keeps the velocity of the first critical step."""
     n, steps, _ = interactions.motion.shape
     rows = np.arange(n)
     motion = interactions.motion
@@ -103,7 +103,7 @@ def constant_velocity_reconstruction(interactions: Interactions) -> ProtocolErro
 
 
 def closed_loop(model: Predictor, interactions: Interactions) -> ProtocolErrors:
-    """Let both agents run on their own predictions; `interactions` as `eligible` returns them."""
+    """Return errors of both agents in closed loop; `interactions` as `eligible` returns them."""
     predicted = closed_loop_trajectories(model, interactions)
     n, steps = predicted.shape[:2]
     rows = np.arange(n)[:, None]
@@ -124,7 +124,7 @@ def measure(model: Predictor, interactions: Interactions) -> Measured:
 
 
 def horizon(interactions: Interactions) -> NDArray[np.int64]:
-    """Return the steps of closed loop, int64[N]: to the last critical step, at most 3 s."""
+    """Return the number of closed-loop steps, int64[N]: to the last critical step, at most 3 s."""
     return np.minimum(interactions.last - interactions.first, LONGEST)
 
 

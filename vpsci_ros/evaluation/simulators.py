@@ -1,4 +1,4 @@
-"""Simulators that answer onsets: learned policies, the rule-based pair, tracked constant velocity."""
+"""Simulators that continue recorded onsets: learned policies, the rule-based pair, constant velocity."""
 
 from collections.abc import Callable
 
@@ -36,18 +36,18 @@ _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brake
 
 
 def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
-    """Return where a model of both agents takes them, float64[n, 1, 2, 30, 2] [m]."""
+    """Return the positions of both agents under a model, float64[n, 1, 2, 30, 2] [m]."""
     motion = closed_loop_trajectories(model, onsets.interactions)
     return np.stack([motion[..., 0:2], motion[..., 5:7]], axis=1)[:, None]
 
 
 def tracked(onsets: Onsets) -> Floats:
-    """Constant velocity, the vehicle's by its last positions (`scene.scene_at`), K = 1."""
+    """Return positions at constant velocity, the vehicle's from its last positions (`scene.scene_at`), K = 1."""
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
-    """Return a policy as a simulator; K = 1 for networks, in which there is no chance.
+    """Return a policy as a simulator; K = 1 for networks, which are deterministic.
 
     :param people: of a bank, whose reactions act, see `PeoplePredictor`.
     """
@@ -63,7 +63,7 @@ def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "")
 
 
 def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
-    """Return whose reactions act at each onset, str[n], and which onsets lie beyond that source's range, bool[n]."""
+    """Return the bank's source for each onset, str[n], and whether the onset is beyond its range, bool[n]."""
     sources, start = sources_for(bank, onsets.clip, people), onsets.start
     where, out = onsets_in(start[:, :2], start[:, 3:5], start[:, 5:7], start[:, 7:9]), np.zeros(len(onsets), np.bool_)
     for name in np.unique(sources):
@@ -73,7 +73,7 @@ def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[
 
 
 def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) -> Floats:
-    """Return where the social force pedestrian and the autopilot without a lane go, K = 1.
+    """Return positions under the social force pedestrian and the autopilot without a lane, K = 1.
 
     The pedestrian wants the velocity of the onset. The vehicle keeps its direction and tracked speed, and brakes fully
     for a pedestrian near and straight ahead of its front.

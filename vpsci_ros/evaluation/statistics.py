@@ -1,4 +1,4 @@
-"""Intervals and paired comparisons, wherever this package gives any.
+"""Confidence intervals and paired comparisons for the whole package.
 
 Shares get Wilson's interval, which holds near 0 and 1, where a good driving system should be. Differences of shares of
 the same units get Agresti and Min's, tested by McNemar's exact test. Everything else is bootstrapped: single units, or
@@ -20,7 +20,7 @@ Statistic = Callable[[Floats], Floats]
 
 
 class Estimate(NamedTuple):
-    """A value with the bounds of its interval and the number of units that it rests on.
+    """A value with the bounds of its interval and the number of units it was computed from.
 
     NaN where there is nothing to estimate from.
     """
@@ -69,7 +69,7 @@ def share_difference(only_first: int, only_second: int, n: int, level: float = L
 
 
 def mcnemar(only_first: int, only_second: int) -> float:
-    """Return the exact two-sided p-value that both happen equally often in the same units.
+    """Return the exact two-sided p-value of McNemar's test: both events are equally frequent in the same units.
 
     See McNemar, "Note on the sampling error of the difference between correlated proportions" (Psychometrika 12, 1947).
     """
@@ -107,7 +107,7 @@ def mean(values: Floats) -> Floats:
 
 
 def quantile(q: float) -> Statistic:
-    """Return the statistic that is the `q` quantile over the last axis."""
+    """Return a function that computes the `q` quantile over the last axis."""
     return lambda values: np.asarray(np.quantile(values, q, axis=-1))
 
 
@@ -129,7 +129,7 @@ def cluster_counts(clusters: NDArray[Any], seed: int, count: int = RESAMPLES) ->
 
 
 def interval(draws: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
-    """Return the percentile interval of what a statistic came to in resamples; NaN where it never was finite.
+    """Return the percentile interval of a statistic's values in resamples; NaN if none is finite.
 
     :param draws: float64[count]; resamples in which the statistic is not finite do not count.
     """

@@ -1,4 +1,4 @@
-"""Figures that need no display, and that are written whole."""
+"""Figures without a display; PNG files are written whole or not at all."""
 
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ def save_png(figure: Figure, path: str | Path, dpi: int = 130) -> None:
 
 
 def show_all(axis: Axes, points: NDArray[np.float64], margin: float) -> None:
-    """Show all points, float64[n, 2] [m], in a square window with so much [m] around them."""
+    """Set a square window around all points, float64[n, 2] [m], with a margin [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     half, centre = 0.5 * float((high - low).max()) + margin, 0.5 * (low + high)
     axis.set_xlim(centre[0] - half, centre[0] + half)

@@ -1,4 +1,4 @@
-"""One HTML page that needs nothing beside it, made from a template: its style, its words, its pictures.
+"""A self-contained HTML page made from a template: style, text and pictures in one file.
 
 A template lies in `templates/` of the room whose page it is, and extends `base.html` of this room, which has the style;
 `parts.html` has what several pages show alike. Values are escaped unless a template says otherwise.

@@ -1,4 +1,4 @@
-"""How a run of stage 1 or 2 went, from its log: rewards, what came of the episodes, held-out errors, losses.
+"""Figures of a training's log: rewards, outcomes of episodes, held-out errors, losses.
 
 The first panel of stage 2 is the paper's Figure 6: the rolling mean of the reward of an episode, by agent.
 """
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 
 def save_learning(folder: str | Path) -> Path | None:
-    """Draw the log in a run's folder as `learning.png` beside it, and return its path; None where there is no log."""
+    """Draw the log of a run's folder as `learning.png` in it, and return its path; None without a log."""
     folder = Path(folder)
     figure, axes = new_figure(11.0, 7.0, 2, 2)
     if (folder / online.LOG).exists():

@@ -15,7 +15,7 @@ _CAR, _PERSON = "#08519c", "#a50f15"
 
 
 def check_recordings(clips: Iterable[Clip], path: str | Path) -> list[str]:
-    """Draw the first pairs of a vehicle and a pedestrian that are there together, as a PNG.
+    """Draw the first pairs of a vehicle and a pedestrian that are recorded at the same time, as a PNG.
 
     :param clips: read until there are `SHOWN` pairs.
     :returns: extent [m] of these clips, median speeds [m/s] and sizes [m], one line each.

@@ -1,4 +1,4 @@
-"""What a dataset holds, beside Table 10: episodes, ways, rejections, collisions, least CurvTTC."""
+"""Summary of a dataset beside Table 10: episodes, path lengths, rejections, collisions, least CurvTTC."""
 
 from pathlib import Path
 

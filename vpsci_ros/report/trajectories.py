@@ -62,7 +62,7 @@ def draw_speed_bars(figure: Figure, below_first: Any, below_second: Any) -> None
 
 
 def draw_episode(axis: Axes, title: str, episode: Episode) -> None:
-    """Draw an episode on the ground of its scenario, with speed as colour; on bare ground where it has none.
+    """Draw an episode over its scenario's lane and crosswalk (if it has a scenario), with speed as colour.
 
     Frames that nobody saw are drawn as the last one seen.
     """

@@ -1,4 +1,4 @@
-"""A picture of a scenario: lane and crosswalk, where both agents are spawned, where they go and where that ends.
+"""A picture of a scenario: lane, crosswalk, spawns, routes and goals of both agents.
 
 What is drawn of the spawns are spawns: the first episodes of the scenario, not the intervals of its file.
 """
@@ -48,7 +48,7 @@ def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
 
 
 def draw_ground(axis: Axes, scenario: Scenario) -> None:
-    """Draw the lane, the crosswalk and the vehicles that stand."""
+    """Draw the lane, the crosswalk and the parked vehicles."""
     lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
     axis.add_patch(Polygon(lane, facecolor=ROAD, edgecolor="none", zorder=0))
     if len(scenario.crosswalk):

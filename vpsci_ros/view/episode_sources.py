@@ -1,4 +1,4 @@
-"""Episodes of a near-miss table, a dataset, a bag or an exam: listed by name, and read.
+"""Episodes of a near-miss table, a dataset, a bag or an exam: listed by name, and read from disk.
 
 A dataset, a bag and the runs of an exam contain their own scenarios: an episode takes its road from there, never
 from another file of the same number.
@@ -58,11 +58,11 @@ class EpisodeSource:
 
     @property
     def key(self) -> str:
-        """Its name: that of the file or folder."""
+        """The source's name: that of the file or folder."""
         return self.path.resolve().name if self.kind == "generated" else self.path.resolve().stem
 
     def chosen(self, wanted: Sequence[str] = (), limit: int | None = None) -> list[Listed]:
-        """Return the episodes with these names, labels or numbers; all, or evenly spread ones, without any.
+        """Return the episodes with these names, labels or numbers; without any, all or an evenly spread choice.
 
         :param limit: of all at most so many.
         :raises InvalidInput: one that is not there.

@@ -1,4 +1,4 @@
-"""Sources of the page: episodes with yielding and the marks by which the page filters."""
+"""Sources of the page: episodes with yielding and the properties by which the page filters."""
 
 import dataclasses
 from collections import Counter
@@ -50,7 +50,7 @@ class Source:
 
 
 def shown(episode: Episode) -> Shown:
-    """Return an episode with its yielding and marks."""
+    """Return an episode with its yielding and the properties by which the page filters."""
     code, least = episode.yielded(), episode.least_curvttc
     applies = {
         "critical": least < CRITICAL_TTC,

@@ -25,7 +25,7 @@ _U32 = struct.Struct("<I")
 
 
 class SerializedSafety(NamedTuple):
-    """A SafetyState."""
+    """The content of a serialized SafetyState."""
 
     header: WireHeader
     tick: int
@@ -35,7 +35,7 @@ class SerializedSafety(NamedTuple):
 
 
 class SerializedAction(NamedTuple):
-    """An AgentAction."""
+    """The content of a serialized AgentAction."""
 
     header: WireHeader
     tick: int
@@ -45,7 +45,7 @@ class SerializedAction(NamedTuple):
 
 
 def read_safety_state(data: bytes, where: str = SAFETY) -> SerializedSafety:
-    """Return what a serialized SafetyState says; see `vpsci_ros.wire.layout.safety_state` for its numbers.
+    """Return the content of a serialized SafetyState; see `vpsci_ros.wire.layout.safety_state` for its numbers.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
     """
@@ -57,7 +57,7 @@ def read_safety_state(data: bytes, where: str = SAFETY) -> SerializedSafety:
 
 
 def read_action(data: bytes, where: str) -> SerializedAction:
-    """Return what a serialized AgentAction says; see `vpsci_ros.wire.layout.action` for its numbers.
+    """Return the content of a serialized AgentAction; see `vpsci_ros.wire.layout.action` for its numbers.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
     """

@@ -1,4 +1,4 @@
-"""Serialized messages to objects: by the definitions in the bag, or, where it has none, by those of this package."""
+"""Serialized messages to objects, by the definitions in the bag or, without them, by this package's."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from vpsci_ros.resources import messages_dir
 
 
 class RawMessage(NamedTuple):
-    """A message as it came off the wire.
+    """A serialized message with its topic, type, definition and log time.
 
     :ivar type: "vpsci_msgs/msg/WorldState".
     :ivar encoding: of `data`; "cdr" is what ROS 2 writes.
@@ -69,7 +69,7 @@ def require_cdr(raw: RawMessage, where: object) -> None:
 
 
 def rewritten(kind: str, data: bytes, where: str) -> tuple[Any, bytes]:
-    """Return the message that bytes are, of a type such as "nav_msgs/msg/Odometry", and it serialized once more.
+    """Return the message of these bytes, of a type such as "nav_msgs/msg/Odometry", and its new serialization.
 
     A serializer skips the gaps between fields, so that what lay in the memory there goes over the wire; here they are
     zero, and the same message is the same bytes.

@@ -1,4 +1,4 @@
-"""How a message of `vpsci_msgs` begins when it is serialized: encapsulation, header, tick.
+"""The first bytes of a serialized message of `vpsci_msgs`: encapsulation, header, tick.
 
 Little-endian CDR as ROS makes it (OMG DDS-XTypes 1.3, 7.4.1: XCDR version 1): a number stands at a multiple of its
 size, counted from behind the 4 bytes of the encapsulation. What is written here has zeros between fields, and behind
@@ -20,7 +20,7 @@ _SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are se
 
 
 class WireHeader(NamedTuple):
-    """A std_msgs/Header."""
+    """The content of a std_msgs/Header."""
 
     seconds: int  # of the stamp
     nanoseconds: int
@@ -53,18 +53,18 @@ def write_start(header: WireHeader, tick: int) -> bytes:
 
 
 def with_header(data: bytes, header: WireHeader) -> bytes:
-    """Return the message so far with a header behind it."""
+    """Return the bytes with a header appended."""
     return with_text(padded(data, 4) + _STAMP.pack(header.seconds, header.nanoseconds), header.frame_id)
 
 
 def with_text(data: bytes, text: str) -> bytes:
-    """Return the message so far with a string behind it."""
+    """Return the bytes with a string appended."""
     name = text.encode() + b"\0"
     return padded(data, 4) + _LENGTH.pack(len(name)) + name
 
 
 def padded(data: bytes, size: int) -> bytes:
-    """Return the message so far with zeros behind it, up to where a number of `size` bytes may stand."""
+    """Return the bytes with zeros appended, up to the alignment of a number of `size` bytes."""
     return data + bytes(-(len(data) - 4) % size)
 
 
@@ -94,10 +94,10 @@ def stamp_of(topic: str, data: bytes) -> int:
 
 
 def aligned(at: int, size: int) -> int:
-    """Return the offset of a number of `size` bytes at or behind `at`."""
+    """Return the first aligned offset of a number of `size` bytes, from `at` on."""
     return at + -(at - 4) % size
 
 
 def whole_words(data: bytes) -> bytes:
-    """Return a serialized message filled up to a multiple of 4 bytes."""
+    """Return a serialized message padded to a multiple of 4 bytes."""
     return padded(data, 4)

@@ -1,4 +1,4 @@
-"""The layout of the graph's messages, free of ROS: which arrays a message has, and which records they make.
+"""The layout of the graph's messages, without ROS: their arrays, and the records made from them.
 
 `msg_defs/` defines the messages. Fields of the same name in a message and in a structured array correspond. A message
 here is any object with those fields: one of rclpy, whose sequences are `array.array`s, or one of `Decoder`, whose
@@ -163,7 +163,7 @@ def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, 
 
 
 def assessment(message: Any, tick: Tick) -> Assessment:
-    """Return what a SafetyState says of a tick; errors as `safety_state`."""
+    """Return the assessment of a tick from a SafetyState; errors as `safety_state`."""
     return tick.assessed(*safety_state(message, len(tick.state)))
 
 

@@ -1,4 +1,4 @@
-"""Motions to serialized `nav_msgs/Odometry` and `tf2_msgs/TFMessage`: the bytes that ROS 2 makes of these messages."""
+"""Motions as serialized `nav_msgs/Odometry` and `tf2_msgs/TFMessage`, byte by byte as ROS 2 writes them."""
 
 import struct
 from collections.abc import Mapping

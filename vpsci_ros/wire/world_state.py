@@ -1,4 +1,4 @@
-"""A serialized `vpsci_msgs/WorldState` to records and back: the one reader and the one writer of it.
+"""Conversion of a serialized `vpsci_msgs/WorldState` to records and back.
 
 Three nodes read it and one writes it at every tick. Its sequences, each made an object of Python and then copied into
 records or out of them, took as long as everything else at a tick; compiled code goes through the bytes once: 10 us to
@@ -30,7 +30,7 @@ _MOTION = (
 
 
 class SerializedState(NamedTuple):
-    """What a serialized WorldState says."""
+    """The content of a serialized WorldState."""
 
     header: WireHeader  # also for the answers to it
     tick: Tick
@@ -38,7 +38,7 @@ class SerializedState(NamedTuple):
 
 
 def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> SerializedState:
-    """Return what a serialized WorldState says, as a world can have sent it.
+    """Return the content of a serialized WorldState; values that no world can send are refused.
 
     :param where: the topic, which opens the message.
     :param definition: of the type, where the bytes are of a bag, which holds it; empty: this package's.
@@ -74,7 +74,7 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
 
 
 def write_world_state(world: SerializedState) -> bytes:
-    """Return the serialized WorldState that says this."""
+    """Return a WorldState with this content, serialized."""
     state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
     _, sizes, places = _fields(layout.own_definition("WorldState"), WORLD)
     start = write_start(world.header, world.tick.number) + _REST.pack(world.period, count)
@@ -88,7 +88,7 @@ def write_world_state(world: SerializedState) -> bytes:
 
 
 def warm_up() -> None:
-    """Have all of it compiled (or loaded), so that no tick waits for it."""
+    """Compile or load all kernels of this module, so that no tick waits for it."""
     tick = Tick(0, np.zeros(1, EPISODE), np.zeros(1, np.bool_))
     read_world_state(write_world_state(SerializedState(WireHeader(0, 0, ""), tick, 1.0)))
 

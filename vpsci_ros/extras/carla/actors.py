@@ -12,11 +12,11 @@ STANDING = 0.1  # [m/s] below which a yaw rate says nothing of a curvature
 
 
 class Actor(Protocol):
-    """What is used of a `carla.Vehicle` or a `carla.Walker`."""
+    """The part of `carla.Vehicle` and `carla.Walker` that this package uses."""
 
     @property
     def id(self) -> int:
-        """Its number in the world."""
+        """The actor's number in CARLA's world."""
 
     @property
     def bounding_box(self) -> Any:
@@ -35,11 +35,11 @@ class Actor(Protocol):
         """carla.Vector3D [m/s2], in the world's frame."""
 
     def apply_control(self, control: Any) -> None:
-        """Take a carla.VehicleControl or carla.WalkerControl from the next tick on."""
+        """Apply a carla.VehicleControl or carla.WalkerControl from the next tick on."""
 
 
 def vehicle_of(actor: Actor) -> Vehicle:
-    """Return a vehicle as it is now, in our frame: x east, y north, counter-clockwise, the centre of its box."""
+    """Return a vehicle's present state in our frame: x east, y north, counter-clockwise, centre of its box."""
     place, box = actor.get_transform(), actor.bounding_box
     heading = -math.radians(place.rotation.yaw)
     c, s = math.cos(heading), math.sin(heading)
@@ -60,13 +60,13 @@ def vehicle_of(actor: Actor) -> Vehicle:
 
 
 def walker_of(actor: Actor) -> Walker:
-    """Return a pedestrian as it is now, in our frame."""
+    """Return a pedestrian's present state in our frame."""
     location, velocity = actor.get_transform().location, actor.get_velocity()
     return Walker(location.x, -location.y, velocity.x, -velocity.y)
 
 
 def vehicle_transform(vehicle: Vehicle, centre: Any, height: float) -> Any:
-    """Return the carla.Transform that puts a vehicle's box where ours is.
+    """Return the carla.Transform that places the box of a CARLA vehicle at the position of ours.
 
     :param centre: carla.Location of its box in its own frame [m].
     :param height: z of the actor [m].
@@ -89,7 +89,7 @@ def walker_control(vx: float, vy: float) -> Any:
 
 
 def vehicle_control(steer: float, throttle: float, brake: float) -> Any:
-    """Return the carla.VehicleControl of ours: steer -1 to 1, positive to the left; CARLA's is to the right."""
+    """Return controls as carla.VehicleControl; our steer, -1 to 1, is positive to the left, CARLA's to the right."""
     import carla
 
     return carla.VehicleControl(throttle=throttle, steer=-steer, brake=brake)

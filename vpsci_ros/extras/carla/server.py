@@ -1,4 +1,4 @@
-"""A CARLA server: all calls of its client that need one, but for those of the actors.
+"""A CARLA server: all calls of CARLA's client that need a server, except those of the actors.
 
 Written by the client's documentation of 0.9.15 and 0.9.16, and run against a stand-in of the client's objects: no
 server was at hand.
@@ -23,7 +23,7 @@ CAR, WALKER = "vehicle.tesla.model3", "walker.pedestrian.0001"
 
 
 class Controls(NamedTuple):
-    """What the vehicle does at a tick: steer -1 (right) to 1 (left), throttle and brake 0 to 1."""
+    """The vehicle's controls at a tick: steer -1 (right) to 1 (left), throttle and brake 0 to 1."""
 
     steer: float
     throttle: float
@@ -34,16 +34,16 @@ class Server(Protocol):
     """An engine with one vehicle and one pedestrian; places and velocities are in our frame."""
 
     def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
-        """Put both where an episode begins, with the speeds that they have there; None: nobody is there."""
+        """Place both agents for the start of an episode, with their velocities; None: without a pedestrian."""
 
     def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
-        """Move both on by one tick, and return where they are then.
+        """Advance both agents by one tick and return their states.
 
         :param walker: as it wants to be at the end of the tick; nothing where nobody is there.
         """
 
     def close(self) -> None:
-        """Leave the engine as it was found."""
+        """Restore the engine's settings from before."""
 
 
 class LiveServer:
@@ -81,7 +81,7 @@ class LiveServer:
         self._map = self._world.get_map()
 
     def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
-        """Put both where an episode begins; they are spawned for the first one.
+        """Place both agents for the start of an episode; the first call spawns them.
 
         :raises VpsciError: the map has no road there, or something stands there.
         """
@@ -104,7 +104,7 @@ class LiveServer:
             self._actors.pop().destroy()
 
     def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
-        """Apply both controls, tick, and return where both are.
+        """Apply both controls, advance by one tick, and return both states.
 
         :raises VpsciError: the server does not answer.
         """
@@ -119,7 +119,7 @@ class LiveServer:
         return vehicle_of(car), walker_of(people[0]) if people else None
 
     def close(self) -> None:
-        """Destroy the actors and give the world its settings back; a server that is gone needs neither."""
+        """Destroy the actors and restore the world's settings; without effect if the server is gone."""
         with contextlib.suppress(RuntimeError):
             while self._actors:
                 self._actors.pop().destroy()

@@ -1,4 +1,4 @@
-"""The default pedestrian as a `carla.Walker` in anybody's synchronous world."""
+"""The default pedestrian as a `carla.Walker` in a user's synchronous world."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,7 +11,7 @@ from vpsci_ros.extras.carla.actors import Actor, vehicle_of, walker_control, wal
 
 
 class LearnedWalker:
-    """Moves a walker as a `vpsci_ros.Pedestrian` would go: call `step` before each `world.tick()`.
+    """Moves a `carla.Walker` by a `vpsci_ros.Pedestrian`: call `step` before each `world.tick()`.
 
     :param actor: the walker, spawned where it is to set off; nobody else, no AI controller either, moves it.
     :param pedestrian: who it is; its route or goal is in our frame, whose y is CARLA's with the sign changed.
@@ -27,7 +27,7 @@ class LearnedWalker:
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Walk:
-        """Have the walker move on as it wants to, and return how and why; `walk.faces` is an actor's id.
+        """Apply the pedestrian's next velocity to the walker and return its motion; `walk.faces` is an actor's id.
 
         :param vehicles: those that it may react to; `walkers`: the others; its own actor among them is left out.
         :param parked: see `Pedestrian.step`.

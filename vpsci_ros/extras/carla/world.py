@@ -1,4 +1,4 @@
-"""A world whose agents another engine moves, such as CARLA: all else, from the spawn to the outcome, is `World`'s."""
+"""A world whose agents another engine moves, such as CARLA; spawns, hand-over and outcomes are `World`'s."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -18,7 +18,7 @@ ABSENT = 500.0  # [m] from the vehicle: nobody is there (an exam's reference), a
 
 
 class EngineWorld(World):
-    """One episode after the other, in a server.
+    """Episodes that run one after the other in a server.
 
     At each tick `World` says how it would go on: what the vehicle's controls are, and which velocity the pedestrian
     wants. The server moves both; where they are then, whether they touch and have arrived is of the server's places.

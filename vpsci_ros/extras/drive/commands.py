@@ -1,4 +1,4 @@
-"""The command of this branch: `vpsci drive`, with which a person drives, or watches a running graph, in a browser."""
+"""The command `vpsci drive`: a person drives, or watches a running graph, in a browser."""
 
 import contextlib
 import sys
@@ -34,7 +34,7 @@ def drive(
     browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
     settings: Settings = None,
 ) -> None:
-    """Drive the car yourself, by keys in a browser: the pedestrian reacts, and the report is that of an exam.
+    """Drive the car by keys in a browser; the default pedestrian reacts, and you get the report of an exam.
 
     The page is served to this machine alone, at an address that holds a secret; it is open until you close it.
     """

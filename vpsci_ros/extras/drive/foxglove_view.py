@@ -1,4 +1,4 @@
-"""A running graph in Foxglove: its topics as they come off the wire, through the WebSocket server of Foxglove's SDK.
+"""A running graph in Foxglove: its serialized messages, sent by the WebSocket server of Foxglove's SDK.
 
 Bound to the loopback. It offers nothing by which a client could publish, set or call. Foxglove shows simulated time.
 """
@@ -19,7 +19,7 @@ WAITING = 100  # messages of a topic between two looks at it: five seconds of a 
 
 
 class FoxgloveView(ServerListener):
-    """Topics of a graph for each Foxglove that connects, until `close`.
+    """Serves the topics of a graph to all connected Foxglove clients, until `close`.
 
     :param port: 0: a free one.
     :ivar address: to which Foxglove connects ("Open connection", "Foxglove WebSocket").
@@ -40,14 +40,14 @@ class FoxgloveView(ServerListener):
         self.address = f"ws://{LOOPBACK}:{self._server.port}"
 
     def show_graph(self, namespace: str = "") -> None:
-        """Pass on what the graph in this ROS domain publishes, until `close`.
+        """Forward the messages of the graph in this ROS domain, until `close`.
 
         :param namespace: of the graph; topics are named without it.
         """
         subscribe_to_graph(SHOWN, self.take, lambda: self.finished, namespace, depth=WAITING)
 
     def take(self, topic: str, message: bytes) -> None:
-        """Pass a serialized message on, at the simulated time.
+        """Forward a serialized message with its simulated time.
 
         :raises InvalidInput: it is a /clock that has no time.
         """
@@ -59,12 +59,12 @@ class FoxgloveView(ServerListener):
         self._channels[topic].log(message, log_time=self._now)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """Give who comes later what was published once; Foxglove calls this."""
+        """Send latched messages to late subscribers; Foxglove calls this."""
         if channel.topic in self._latest:
             self._channels[channel.topic].log(self._latest[channel.topic], log_time=self._now)
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self.finished = True
         self._server.stop()
 

@@ -1,4 +1,4 @@
-"""The page: its HTML, what it is shown of a tick, and what a person presses in it."""
+"""The page: its HTML, the data of a tick that it shows, and the keys that the person presses."""
 
 import math
 import threading
@@ -21,11 +21,11 @@ TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
 class Left(InvalidInput):
-    """Nobody is at the wheel any more."""
+    """The person has closed the page or finished."""
 
 
 class Pressed(NamedTuple):
-    """What is pressed: steer -1 (right) to 1 (left), accelerator and brake 0 to 1."""
+    """The pressed keys as steer -1 (right) to 1 (left), accelerator and brake 0 to 1."""
 
     steer: float = 0.0
     throttle: float = 0.0
@@ -33,7 +33,7 @@ class Pressed(NamedTuple):
 
 
 class Page:
-    """The page of one server, and the person before it.
+    """The page of one server, and the input of the person who uses it.
 
     :param folder: see `Server`, as `port` is.
     :param mode: "drive" or "watch".
@@ -52,12 +52,12 @@ class Page:
         self.send("hello", mode=mode)
 
     def close(self) -> None:
-        """End the server; who waits for a person at the page is not kept waiting."""
+        """Stop the server; this also ends a wait for the person."""
         self._hear({"finish": True})
         self._server.close()
 
     def begin(self, name: str, scenario: Scenario, which: str) -> None:
-        """Show where an episode takes place; `which` says in words which one it is."""
+        """Show the scene of an episode; `which` describes the episode in words."""
         with self._changed:
             self._ready, self._gone, self.pressed = False, "", Pressed()
         size = [VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS]
@@ -66,7 +66,7 @@ class Page:
     def show(
         self, time: float, vehicle: PlanarMotion, people: Sequence[PlanarMotion], curvttc: float | None = None
     ) -> None:
-        """Show a tick: time since the spawn [s], where all are; and CurvTTC [s], unless it is not for the driver."""
+        """Show a tick: time since the spawn [s], all positions, and CurvTTC [s] if it is given."""
         seen = {"time": time, "x": vehicle.x, "y": vehicle.y, "heading": vehicle.yaw, "speed": vehicle.speed}
         seen["curvature"] = vehicle.yaw_rate / vehicle.speed if vehicle.speed > 0.0 else 0.0
         walk = [(each.x, each.y, each.speed * math.cos(each.yaw), each.speed * math.sin(each.yaw)) for each in people]
@@ -74,7 +74,7 @@ class Page:
         self.send("frame", people=walk, **seen, **known)
 
     def wait_until_ready(self) -> None:
-        """Wait until the person begins.
+        """Wait until the person begins the episode.
 
         :raises Left: the person has finished instead.
         """
@@ -85,12 +85,12 @@ class Page:
         self.require_person()
 
     def wait(self, until: float) -> None:
-        """Wait until a time of `time.monotonic`, or until nobody is there."""
+        """Wait until a time of `time.monotonic`, or until the person has left the page."""
         with self._changed:
             self._changed.wait_for(lambda: bool(self._gone) or self.finished, max(0.0, until - time.monotonic()))
 
     def require_person(self) -> None:
-        """Go on only with a person at the page.
+        """Raise `Left` unless a person is at the page.
 
         :raises Left: there is none.
         """
@@ -100,7 +100,7 @@ class Page:
             raise Left(self._gone)
 
     def wait_until_left(self, patience: float) -> None:
-        """Wait until the page has been closed for `patience` seconds: one that is loaded again stays open."""
+        """Wait until the page has been closed for `patience` seconds; a reload counts as open."""
         while True:
             while self._server.visited:
                 time.sleep(LOOK)

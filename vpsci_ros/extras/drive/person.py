@@ -1,4 +1,4 @@
-"""A person as the driving system of an exam: sees each tick in the page, and drives by the pressed keys."""
+"""A person as the driving system of an exam: the page shows each tick, the pressed keys drive."""
 
 import time
 
@@ -24,11 +24,11 @@ class Person:
         self._held, self._due = Pressed(), 0.0
 
     def reset(self, begin: Begin) -> None:
-        """Begin an episode with hands and feet off."""
+        """Begin an episode without pressed keys."""
         self._held = Pressed()
 
     def act(self, observation: Observation) -> tuple[float, float, float]:
-        """Show the tick, wait as long as it lasts, and return steer, throttle and brake.
+        """Show the tick, wait for its duration, and return steer, throttle and brake.
 
         :raises Left: nobody is there any more.
         """
@@ -44,7 +44,7 @@ class Person:
 
 
 def held(before: Pressed, pressed: Pressed, speed: float, period: float) -> Pressed:
-    """Return steer, throttle and brake after `period` [s] in which something is pressed at `speed` [m/s].
+    """Return steer, throttle and brake after keys were pressed for `period` [s] at `speed` [m/s].
 
     Keys know on and off alone, so wheel and pedals follow them at the pace of hands and feet.
     """

@@ -1,4 +1,4 @@
-"""The exam of a person: one episode after the other in the page, each a run that is kept, and then the report.
+"""The exam of a person: one episode after the other in the page, each stored as a run, then the report.
 
 The output folder is that of an exam (`vpsci_ros.exam.run`), with replays/ beside it. The same command goes on after the
 episodes that are driven.
@@ -32,7 +32,7 @@ RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it 
 
 
 def prepare_person(sections: Sections) -> tuple[Exam, float]:
-    """Return the exam of a person and how fast its time goes; 1.0: as on a clock.
+    """Return the exam of a person, and its simulated time over wall time (1.0: real time).
 
     :raises InvalidInput: see `prepare`, or its time does not go.
     """
@@ -45,7 +45,7 @@ def prepare_person(sections: Sections) -> tuple[Exam, float]:
 
 
 def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
-    """Have the person before a page drive, show what came of it, and leave what an exam leaves.
+    """Run the exam with a person at the page, show the results, and write the files of an exam.
 
     :param exam: of `prepare_person`, with its factor.
     :returns: why not all episodes were driven; empty: they were.

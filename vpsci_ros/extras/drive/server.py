@@ -1,4 +1,4 @@
-"""The page and its WebSocket: served to this machine alone, at an address that holds a secret.
+"""The page and its WebSocket, served to this machine alone at an address with a secret.
 
 Bound to the loopback. Whatever does not name the secret in its path, or names another host (DNS rebinding), gets 404; a
 WebSocket of another origin is refused. One page at a time: a second one takes the place of the first.
@@ -33,7 +33,7 @@ _HEADERS = {"Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff
 
 
 class Server:
-    """Serves a page until `close`, in a thread of its own.
+    """Serves a page in its own thread, until `close`.
 
     :param page: HTML.
     :param folder: in which the files lie that the page links to, see `FILES`.
@@ -70,7 +70,7 @@ class Server:
         return self._socket is not None
 
     def send(self, kind: str, **values: Any) -> None:
-        """Send a message to the page, where it is open; numbers that are not finite become null.
+        """Send a message to the page if it is open; numbers that are not finite become null.
 
         A page that comes later gets the latest of each kind, and after an `episode` nothing from before it.
         """
@@ -78,7 +78,7 @@ class Server:
         self._loop.call_soon_threadsafe(self._send, kind, text)
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(10.0)
 
@@ -110,7 +110,7 @@ class Server:
             self._socket.say(text)
 
     def came(self, socket: "_Socket") -> None:
-        """Take a page's socket in the place of the one before."""
+        """Replace the socket of the page by a new one."""
         before, self._socket = self._socket, socket
         if before is not None:
             before.close(reason="the page was opened elsewhere")
@@ -119,7 +119,7 @@ class Server:
                 socket.say(self._latest[kind])
 
     def heard(self, socket: "_Socket", text: str | bytes) -> None:
-        """Pass a message on; close the socket of a page that sends what is no JSON object."""
+        """Handle a message of the page; close the socket if it is no JSON object."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""A running graph, seen live in the page: whatever `/world/state` shows, as often as eyes need it."""
+"""A running graph, shown live in the page: the states of `/world/state` at a rate for human viewers."""
 
 import time
 
@@ -15,7 +15,7 @@ EYES = 0.04  # [s] between two frames
 
 
 def watch_graph(page: Page, scenarios: list[Scenario], namespace: str = "") -> None:
-    """Show the episodes of the graph in this ROS domain, of parallel ones the first, until `Page.close`.
+    """Show the first slot's episodes of the graph in this ROS domain, until `Page.close`.
 
     :param scenarios: where its episodes may take place.
     :param namespace: of the graph.
@@ -25,7 +25,7 @@ def watch_graph(page: Page, scenarios: list[Scenario], namespace: str = "") -> N
 
 
 class Seen:
-    """What the page has been shown of a graph."""
+    """The part of a graph's messages that the page has shown."""
 
     def __init__(self, page: Page, roads: dict[int, Scenario]) -> None:
         self._page, self._roads = page, roads
@@ -33,7 +33,7 @@ class Seen:
         self._next = 0.0
 
     def take(self, topic: str, message: bytes) -> None:
-        """Show a message, unless the one before was shown just now.
+        """Show a message, unless another one was shown a short time before.
 
         :raises InvalidInput: its episode takes place in a scenario of which nothing is known.
         """

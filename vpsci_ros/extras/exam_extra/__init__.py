@@ -1,4 +1,4 @@
-"""Beside the exam: rare failures searched for, failures explained, a standard protocol, and a socket.
+"""Additions to the exam: search for rare failures, explanation of failures, a standard protocol, a socket.
 
 `commands` has the commands, each of which conducts runs by `vpsci_ros.exam.conduct`.
 """

@@ -1,4 +1,4 @@
-"""The commands of this branch: `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`."""
+"""The commands `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`."""
 
 import math
 import sys
@@ -30,7 +30,7 @@ def ads_search(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Find the episodes in which a driving system fails (ads_test.failure), and how often it does."""
+    """Find episodes in which a driving system fails (ads_test.failure), and estimate how often it fails."""
     from vpsci_ros.exam.exam import prepare
     from vpsci_ros.extras.exam_extra.search.run import run_search
     from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
@@ -54,7 +54,7 @@ def ads_why(
     workers: Workers = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Drive the worst failures of an exam again, one thing changed at a time, and say what would have avoided them.
+    """Repeat the worst failures of an exam with one change each, and report the changes that avoid them.
 
     Run it where the exam ran: it drives the same system. The result is in EXAM/why.
     """
@@ -81,7 +81,7 @@ def ads_protocol(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Drive Euro NCAP's car-to-pedestrian tests, as far as a kinematic world can, and give their points."""
+    """Run Euro NCAP's car-to-pedestrian tests, as far as a kinematic world can, and compute their points."""
     from vpsci_ros.exam.exam import prepare
     from vpsci_ros.extras.exam_extra.protocol import run_protocol
 
@@ -108,7 +108,7 @@ def ads_socket(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Put a program to the exam that connects to a socket: JSON, an object a line, in any language, without ROS."""
+    """Examine a program in any language that connects to a socket (one JSON object a line), without ROS."""
     from vpsci_ros.exam.run import run_exam
     from vpsci_ros.extras.exam_extra.socket_driver import prepare_socket
 

@@ -1,4 +1,4 @@
-"""Euro NCAP's car-to-pedestrian tests, as far as a kinematic world can conduct them: what they are, and their points.
+"""Euro NCAP's car-to-pedestrian tests as far as a kinematic world can run them: definitions and points.
 
 The protocol is "Crash Avoidance, Frontal Collisions", version 1.1 of October 2025 (for ratings from January 2026), by
 its sections below. Two of its figures are pictures whose numbers its text does not repeat. The colour bands (figure
@@ -148,24 +148,24 @@ class Cell(NamedTuple):
 
     @property
     def spec(self) -> Test:
-        """What the protocol says of it."""
+        """The protocol's definition of the test."""
         return SLOW if self.test == "slow" else TESTS[self.test]
 
     @property
     def name(self) -> str:
-        """As CPNA-25_30kmh."""
+        """The cell's name, such as CPNA-25_30kmh."""
         return f"{self.test}-{self.location}_{self.speed}kmh"
 
 
 def cells() -> list[Cell]:
-    """Return all cells that are driven, the required one with the slow pedestrian last."""
+    """Return all tested cells; the required one with the slow pedestrian is the last."""
     named = [*TESTS.items(), ("slow", SLOW)]
     wanted = [(name, speed, place) for name, test in named for speed in test.speeds for place in test.locations]
     return [Cell(FIRST_NUMBER + n, *each) for n, each in enumerate(wanted)]
 
 
 def document(cell: Cell) -> dict[str, Any]:
-    """Return the scenario of a cell, as its YAML file has it."""
+    """Return the scenario of a cell, with the content of its YAML file."""
     test, speed, time = cell.spec, cell.speed * KMH, _time_to_impact(cell)
     run_up = 10.0 + speed * time
     if test.turn is None:
@@ -250,7 +250,7 @@ def _parked(path: float) -> list[dict[str, float]]:
 
 
 def motion(scenarios: Sequence[Scenario], config: WorldConfig) -> Motion:
-    """Return the target's motion in each cell's episode: at constant speed the vehicle hits it where the cell says.
+    """Return the target's motion in each cell's episode: a vehicle at constant speed hits it at the cell's point.
 
     Where that is follows from the vehicle as the world drives it along its path.
 
@@ -301,7 +301,7 @@ def _impact(driven: Floats, cell: Cell, start: Floats, normal: Floats) -> tuple[
 
 
 def impact_speed(episode: Episode) -> float:
-    """Return the vehicle's speed as it touches the target [km/h], between the frames; 0 where it does not.
+    """Return the vehicle's speed at the contact [km/h], interpolated between frames; 0 without a contact.
 
     A test ends when the vehicle stands (section 4.3.2), so what comes after that does not count.
     """
@@ -322,7 +322,7 @@ def colour_of(cell: Cell, speed: float) -> str:
 
 
 def rated(speeds: Mapping[int, float]) -> dict[str, Any]:
-    """Return the points of a driving system, as JSON values.
+    """Return a driving system's points in each test, as JSON values.
 
     :param speeds: number of a cell's scenario -> impact speed [km/h]; a cell that is not in it was not driven, and red.
     """

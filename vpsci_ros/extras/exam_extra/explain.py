@@ -1,4 +1,4 @@
-"""An exam's failures explained: driven again in EXAM/why, with a page, and another one in which they play."""
+"""Explanation of an exam's failures: repeated runs in EXAM/why, a report, and a page that plays them."""
 
 import dataclasses
 import json
@@ -33,7 +33,7 @@ _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"
 
 
 def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limit: float = math.inf) -> Path:
-    """Drive the worst failures of an exam again, and return the page that says what avoids each.
+    """Repeat the worst failures of an exam, and return the page that shows the changes that avoid each.
 
     :param failures: with each pedestrian, at most.
     :param limit: seconds after which no further run begins.
@@ -77,7 +77,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
 
 
 def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return the failures by what they have in common, the largest group first, each with its smallest case.
+    """Return groups of similar failures, the largest group first, each with its smallest case.
 
     That is the one with the fewest pedestrians, and of these the shortest.
     """
@@ -97,7 +97,7 @@ def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) ->
 
 
 def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
-    """Return the episodes that were driven again, for the page in which they play; None where there are none.
+    """Return the repeated episodes for the page that plays them; None if there are none.
 
     Its `changes` say which of them belongs to which failure, factor and amount, so that the page has a slider.
     """
@@ -133,7 +133,7 @@ def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
 
 
 def why_reasons(found: Mapping[str, Any], factor: str) -> dict[str, list[str]]:
-    """Return why a factor was not varied, each reason with the episodes that it is of."""
+    """Return the reasons for which a factor was not varied, each with its episodes."""
     reasons: dict[str, list[str]] = {}
     for row in found["analysed"]:
         each = row["factors"][factor]

@@ -1,4 +1,4 @@
-"""What can be changed in an episode that is driven again to see whether a failure is avoided, and how far.
+"""The factors that can be changed when a failed episode is repeated, and their ranges.
 
 An episode is driven again from its seed with everything as it was but one thing, and the system drives in it. A factor
 that cannot be varied for this system or episode has the reason.
@@ -37,12 +37,12 @@ class Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As 1:17."""
+        """SCENARIO:NUMBER of the episode, such as 1:17."""
         return f"{self.key[0]}:{self.key[1]}"
 
 
 class Span(NamedTuple):
-    """How far a factor can be varied in a case.
+    """The range in which a factor can be varied in a case.
 
     :ivar most: largest amount; 0: not at all, for the `reason`.
     :ivar step: amounts are multiples of it; 0: any.
@@ -55,7 +55,7 @@ class Span(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Factor:
-    """One thing that is changed.
+    """A property of an episode that is changed when it is repeated.
 
     :ivar span: how far, of a case and the exam.
     :ivar change: sections of the exam with an amount for each of some cases, all different episodes.
@@ -71,7 +71,7 @@ class Factor:
 
 
 def case_of(episode: Episode) -> Case:
-    """Return a failure as what is changed in it needs it."""
+    """Return the frames and accelerations of a failed episode that the factors need."""
     seen = episode.filled()
     curvttc = np.nan_to_num(seen.curvttc.min(axis=0), nan=np.inf, posinf=np.inf)
     end = len(seen.speed) - 1 if episode.outcome == "collision" else int(curvttc.argmin())

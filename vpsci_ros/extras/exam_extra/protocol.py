@@ -1,4 +1,4 @@
-"""A standard protocol conducted: its tests driven, rated, and set beside an exam.
+"""Run of a standard protocol: its tests driven, rated, and compared with an exam.
 
 Until a system brakes with 3 m/s2 or more, the speed of the test is held, as by robots on a proving ground: a system
 that would rather drive more slowly is tested at the protocol's speed all the same. From then on it has the car.
@@ -46,7 +46,7 @@ _STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to eithe
 
 
 class AutopilotBrake:
-    """The rule by which the world's autopilot brakes: fully, for whoever is straight ahead and near."""
+    """The braking rule of the world's autopilot: full braking for a near pedestrian straight ahead."""
 
     def __init__(self, near: float) -> None:
         self._near = near  # [m] before the front
@@ -55,7 +55,7 @@ class AutopilotBrake:
         """Begin an episode."""
 
     def act(self, observation: Any) -> float:
-        """Return full braking or nothing [m/s2]."""
+        """Return the acceleration [m/s2]: full braking or 0."""
         car = observation.vehicle
         places = (to_heading_frame(car.yaw, each.x - car.x, each.y - car.y) for each in observation.pedestrians)
         ahead = (0.5 * VEHICLE_LENGTH, _STRAIGHT_AHEAD, self._near)
@@ -71,7 +71,7 @@ class ProtocolExam(Exam):
 
 
 def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
-    """Return the exam on the protocol's tests, a scenario each, whose files are written into `folder`."""
+    """Return the exam on the protocol's tests; each test is a scenario, written as a file into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     cells = euro_ncap.cells()
@@ -93,7 +93,7 @@ def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
 def run_protocol(
     exam: Exam, folder: Path, beside: Path | None, fail_below: float, *, workers: int, quiet: bool
 ) -> list[str]:
-    """Conduct the protocol's tests, write and print the result, and return the reasons to fail.
+    """Run the protocol's tests, write and print the result, and return the reasons for failing.
 
     :param beside: folder of an exam of the same system, whose pedestrians are set beside the tests; None: none.
     :param fail_below: points that are enough.
@@ -127,7 +127,7 @@ def run_protocol(
 
 
 def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> dict[str, Any]:
-    """Have the system and the autopilot's brake drive the protocol's tests in `folder`; return it for the report.
+    """Run the protocol's tests in `folder` with the system and with the autopilot's brake; return the results.
 
     :raises VpsciError: a node has failed.
     """
@@ -173,7 +173,7 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
 
 
 def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return, for each driver, what the protocol says of it beside how often it hits each pedestrian of the exam.
+    """Return rows of driver and pedestrian: points of the protocol beside the exam's moving collision rate.
 
     :param scores: driver -> pedestrian -> measures.
     """

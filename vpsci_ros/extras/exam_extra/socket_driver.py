@@ -49,7 +49,7 @@ class SocketDriver:
         self._received = b""
 
     def greet(self, period: float) -> None:
-        """Say which protocol this is, and how long a tick lasts [s]."""
+        """Send the protocol's name and version, and the length of a tick [s]."""
         with contextlib.suppress(InvalidInput):  # who has left already is lost at the first tick
             self._send(HELLO | {"period": period})
 
@@ -137,7 +137,7 @@ class SocketDriver:
 
 
 def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int = 1) -> Exam:
-    """Return the exam of a program that connects to a port of the loopback.
+    """Return the exam of a program that connects to a port of 127.0.0.1.
 
     :param ads: its command, instead of the parameters' one; external: somebody else starts it.
     :param port: 0: a free one, which the program finds in its environment.
@@ -157,7 +157,7 @@ def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int 
 
 @contextlib.contextmanager
 def connected(ads: str, number: int, period: float, log: Path, patience: float) -> Iterator[Callable[[], Driver]]:
-    """Listen, start the system unless it is external, and yield what makes a driver of its connection.
+    """Listen, start the system unless it is external, and yield a function that makes a driver of its connection.
 
     :param ads: command, or external.
     :param number: of the port; 0: a free one.

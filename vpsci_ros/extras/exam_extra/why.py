@@ -1,4 +1,4 @@
-"""Why a failure happened: the least change that avoids it, found by driving the episode again, one change at a time.
+"""The least change that avoids a failure, found by repeating the episode with one change at a time.
 
 Four amounts of a factor are tried first, evenly spaced, then a few halvings between the least that avoids the failure
 and the next less one. So what is found is *a* boundary: below it a smaller change might do, too, where the four amounts
@@ -52,7 +52,7 @@ class Search:
     episodes: dict[float, Episode] = dataclasses.field(default_factory=dict)
 
     def wanted(self, halving: int) -> list[float]:
-        """Return the amounts to try next: the first ones, or after them one between failing and not."""
+        """Return the amounts to try next: first evenly spaced ones, then one between failing and not failing."""
         if not self.span.most:
             return []
         if halving == 0:
@@ -72,12 +72,12 @@ class Search:
 
     @property
     def below(self) -> float:
-        """The largest amount below it that was tried and fails."""
+        """The largest tried amount below `least` that still fails."""
         least = math.inf if self.least is None else self.least
         return max((amount for amount, failed in self.failed.items() if failed and amount < least), default=0.0)
 
     def as_json(self) -> dict[str, Any]:
-        """Return what was found as JSON values."""
+        """Return the search's result as JSON values."""
         least = self.least
         again = sorted(
             amount for amount, failed in self.failed.items() if failed and least is not None and amount > least
@@ -104,7 +104,7 @@ Unit = tuple[str, tuple[tuple[Key, float], ...]]
 
 
 class Budget:
-    """The runs of an explanation: how many there may be, how long they take, and whether another one may begin.
+    """The runs of an explanation: their number, their time, and whether another one may begin.
 
     :param limit: seconds after which no run begins; the first one does in any case.
     """
@@ -120,7 +120,7 @@ class Budget:
         return not self.reached
 
     def count(self, drives: int) -> None:
-        """Take note of a run that is done; after the first one say how long all may take."""
+        """Count a finished run; after the first one print the estimated total time."""
         self.runs += 1
         self.drives += drives
         self._bars.bar("runs", self.runs, max(self.runs, self.most), note=f"{self.drives} episodes driven again")
@@ -143,7 +143,7 @@ def explain(
     limit: float = math.inf,
     quiet: bool = False,
 ) -> tuple[dict[str, Any], list[Search]]:
-    """Drive the worst failures of an exam again, and return what avoids each, and every search with its episodes.
+    """Repeat the worst failures of an exam; return the changes that avoid each, and all searches with episodes.
 
     :param folder: of the counterfactual runs; what is done there is not done again.
     :param runs: pedestrian -> the system's run with it.

@@ -1,4 +1,4 @@
-"""The command of this branch: `vpsci export`."""
+"""The command `vpsci export`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -42,7 +42,7 @@ def export(
         ),
     ] = "",
 ) -> None:
-    """Write episodes in other people's formats, each in a folder of its own below the output folder."""
+    """Write episodes in other formats, each format in its own folder below the output folder."""
     from vpsci_ros.documents import given_names
     from vpsci_ros.extras.formats.run import Options
     from vpsci_ros.extras.formats.run import export as run

@@ -1,4 +1,4 @@
-"""HC: people and cars in a shared space near Hamburg's main station, at 2 Hz, from above, in pixels.
+"""Importer of HC: pedestrians and cars in a shared space in Hamburg, at 2 Hz, from above, in pixels.
 
 Source: Cheng, Li and Sester, IEEE IV 2019, by way of the MCENET repository (MIT). A clip is a file D1.csv without a
 header: frame, id, x, y, class (1 pedestrian, 2 vehicle, 3 cyclist), in pixels with y down. There is no heading, no

@@ -1,4 +1,4 @@
-"""Episodes as demonstrations, a Minari dataset an agent: what it saw, did and was paid for, every 0.1 s (section 4.7).
+"""Episodes as Minari datasets, one for each agent: observations, actions, rewards every 0.1 s (section 4.7).
 
 Minari (minari.farama.org) is the common format for behaviour cloning, inverse and offline reinforcement learning. Its
 Parquet layout is written directly, so that this needs no library. Observations are (6) and (7), actions the

@@ -1,4 +1,4 @@
-"""What the formats write of an episode: each road user's poses, velocities and box, and the road where one is needed.
+"""The data of an episode that formats write: poses, velocities and boxes of road users, and the road.
 
 A pedestrian is taken to face where it walks; while it stands it keeps the heading it had, or has the first one that
 comes.
@@ -61,7 +61,7 @@ def movers(episode: Episode) -> list[Mover]:
 
 
 def tenths(episode: Episode) -> slice:
-    """Return which frames come every tenth of a second, from the first on.
+    """Return the indices of the frames at every tenth of a second, from the first on.
 
     :raises InvalidInput: frames that do not come at whole fractions of it.
     """

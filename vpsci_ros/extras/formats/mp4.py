@@ -21,7 +21,7 @@ _MARGIN = 4.0  # [m] around all that moves
 
 
 def pictures(episode: Episode) -> Iterator[NDArray[np.uint8]]:
-    """Yield uint8[640, 640, 3] for each frame; frames that nobody saw show the last one seen."""
+    """Yield uint8[640, 640, 3] for each frame; frames without data repeat the last known one."""
     one = episode.filled()
     figure, ((axis,),) = new_figure(SIZE / 100.0, SIZE / 100.0)
     figure.set_layout_engine("none")
@@ -62,7 +62,7 @@ def pictures(episode: Episode) -> Iterator[NDArray[np.uint8]]:
 
 
 def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
-    """Write NAME.mp4 for each episode, a picture a frame in real time, and return how many."""
+    """Write NAME.mp4 for each episode, one picture a frame in real time, and return their number."""
     count = 0
     for episode in episodes:
         with written_whole(folder / f"{episode.label}.mp4") as part, av.open(str(part), "w", format="mp4") as film:

@@ -1,4 +1,4 @@
-"""The door of the exporters: a source and names of formats in, a folder of files for each format out."""
+"""The entry point of the exporters: from a source and names of formats to a folder of files for each format."""
 
 import importlib
 import shutil
@@ -20,7 +20,7 @@ VEHICLES = ("controllable", "trajectory")
 
 @dataclass(frozen=True)
 class Options:
-    """What a user chooses.
+    """Options of an export that the user sets.
 
     :ivar vehicle: "controllable": formats that can have a road user driven by somebody else (openscenario, commonroad)
         leave the vehicle to the tool that plays the episode; "trajectory": it drives as it did.
@@ -34,7 +34,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Exporter:
-    """How one format is written.
+    """An export format.
 
     :ivar module: its function `write(episodes, folder, options) -> number of files` is called, with the episodes of
         one source in order and a folder that holds nothing but the run's parameters.
@@ -45,7 +45,7 @@ class Exporter:
     extra: str = ""
 
     def load(self) -> Callable[[Iterable[Episode], Path, Options], int]:
-        """Return the module's function.
+        """Return the module's function `write`.
 
         :raises InvalidInput: a library that it imports is not installed.
         """

@@ -1,4 +1,4 @@
-"""The commands of this branch: `vpsci study`, `vpsci turing` and `vpsci published`."""
+"""The commands `vpsci study`, `vpsci turing` and `vpsci published`."""
 
 import math
 from pathlib import Path
@@ -148,7 +148,7 @@ def models(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Table 9: its models by supervision and by reinforcement, in both settings.
+    """Table 9: its models, trained by supervision and by reinforcement, with and without hybrid learning.
 
     All see the same and learn from the same near misses in the same number
     of updates. sst, transformer, lstm, feedforward: the next velocity;
@@ -297,7 +297,7 @@ def score(
     answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
 ) -> None:
-    """Say who was recognised, Table 11 and Figure 10 beside the paper's values, and what stays open."""
+    """Print recognition rates, Table 11 and Figure 10 beside the paper's values, and what stays open."""
     from vpsci_ros.extras.paper.turing.answers import read_answers
     from vpsci_ros.extras.paper.turing.page import PAGE, write_result
 

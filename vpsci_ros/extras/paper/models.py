@@ -15,7 +15,7 @@ from vpsci_ros.policy.sst import EncoderLayer, SSTLayer
 
 
 class FeedForwardLayer(EncoderLayer):
-    """LayerNorm(x + W_2 relu(W_1 x)): knows this step and nothing before, but for the action that led to it."""
+    """LayerNorm(x + W_2 relu(W_1 x)): uses this step and the action before it, no other history."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__(config)

@@ -1,4 +1,4 @@
-"""What the paper says of its studies: Tables 3, 5 and 9."""
+"""Values published in the paper: Tables 3, 5 and 9."""
 
 from typing import NamedTuple
 

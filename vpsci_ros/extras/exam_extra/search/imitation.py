@@ -1,4 +1,4 @@
-"""How a driving system drives, learned from episodes that it has driven: a stand-in with which to rehearse others.
+"""A surrogate model of a driving system, learned from episodes that it has driven.
 
 Behavioural cloning (Pomerleau 1989, "ALVINN") of the acceleration alone, by gradient-boosted trees, from what could be
 seen of the last half second: place and velocity of the nearest pedestrian in the vehicle's frame, CurvTTC, its own
@@ -38,7 +38,7 @@ class Recent:
         self._key: NDArray[np.int64] | None = None
 
     def features(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> tuple[Floats32, NDArray[np.int64]]:
-        """Return float32[E, 43] of the E episodes of EPISODE[B], and the record of each one's nearest pedestrian.
+        """Return features float32[E, 43] of E episodes, and the index of each one's nearest pedestrian's record.
 
         :param curvttc: float64[B] [s].
         """
@@ -79,7 +79,7 @@ def _seen(state: NDArray[np.void], curvttc: NDArray[np.float64]) -> Floats32:
 
 
 def lessons(episodes: Iterable[Episode], pedestrians: int) -> tuple[Floats32, Floats32]:
-    """Return what the vehicle saw and what it did about it: features float32[n, 43], acceleration float32[n] [m/s2]."""
+    """Return training data of the surrogate: features float32[n, 43], accelerations float32[n] [m/s2]."""
     seen, done = [], []
     for episode in episodes:
         recent, accelerations = Recent(pedestrians), np.diff(episode.speed) / episode.period
@@ -108,7 +108,7 @@ def _tick(episode: Episode, frame: int, pedestrians: int) -> tuple[NDArray[np.vo
 
 
 class Imitation:
-    """A driver that does what the driving system did where it saw the like.
+    """A surrogate driver, which predicts the system's acceleration from similar features.
 
     :param seen, done: of `lessons`.
     """
@@ -127,7 +127,7 @@ class Imitation:
 
     @contextlib.contextmanager
     def at_the_wheel(self) -> Iterator[None]:
-        """Call `drive` within this: in one thread, so that it gives the same numbers whatever the machine."""
+        """Context manager for `drive`: it limits the computation to one thread, so results are the same everywhere."""
         with self._one_thread():
             yield
 

@@ -1,4 +1,4 @@
-"""How near an episode came to a failure: its margin, negative for a failure, to the accuracy of a tick."""
+"""The margin of an episode: its distance from a failure, negative for a failure, at the resolution of a tick."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ STANDING = (
 
 
 def margin(failure: str, state: NDArray[np.void], curvttc: Floats) -> Floats:
-    """Return the margin of a failure of each record of EPISODE[B] at this tick, float64[B]; infinity where none runs.
+    """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity without a running episode.
 
     The margin of a collision is the clearance between the footprints [m], of one with a moving vehicle a metre more
     while it stands; that of a conflict is CurvTTC less the threshold [s].
@@ -48,7 +48,7 @@ class LeastMargins:
         self._least: Floats = np.zeros(0)
 
     def add(self, state: NDArray[np.void], curvttc: Floats) -> None:
-        """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
+        """Process EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
         if not len(self._least):
             self._least = np.full(len(state), np.inf)
         self._least[state["frame"] == 0] = np.inf

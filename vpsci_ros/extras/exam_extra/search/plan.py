@@ -18,7 +18,7 @@ Part = tuple[str, NDArray[np.int64], bool]
 
 
 class Plan:
-    """What has been driven of a pool of episodes, and what comes next.
+    """The driven episodes of a pool, and the choice of the next ones.
 
     Call `parts` once; before each next one pass the outcome to `take`, and the result of a rehearsal to `rehearsed`.
 
@@ -34,7 +34,7 @@ class Plan:
         self._seed, self._budget = seed, budget
 
     def parts(self) -> Iterator[Part]:
-        """Yield what to drive, a part after the other."""
+        """Yield the parts of the search: the episodes to drive next."""
         pilot, sharpen = (max(_LEAST, round(share * self._budget)) for share in (PILOT, SHARPEN))
         rest = np.array_split(np.arange(max(self._budget - pilot - sharpen, 0)), ROUNDS)
         yield self._part("0_pilot", pilot, learns=True)
@@ -44,22 +44,22 @@ class Plan:
                 yield self._part(f"{number}_focus", len(part), learns=False)
 
     def rehearsed(self, margin: Floats) -> None:
-        """Take the margins with a new stand-in, float64[pool]; NaN where an episode was not rehearsed."""
+        """Store the margins with a new surrogate, float64[pool]; NaN where it did not drive the episode."""
         self.margin = margin
         self.fresh[:] = False
 
     def take(self, chosen: NDArray[np.int64], failed: NDArray[np.bool_]) -> None:
-        """Take how episodes ended, bool[k], that the driving system has driven."""
+        """Store whether the driven episodes failed, bool[k]."""
         self.driven[chosen] = self.fresh[chosen] = True
         self.margin_before[chosen] = self.margin[chosen]
         self.failed[chosen] = failed
 
     def risk(self) -> Risk:
-        """Return the chance of a failure by margin, from episodes that the stand-in has not learned from."""
+        """Return the probability of a failure by margin, fitted to episodes that the surrogate was not trained on."""
         return Risk(self.margin[self.fresh], self.failed[self.fresh])
 
     def count(self) -> Count:
-        """Return how many failures the pool holds."""
+        """Return the estimated number of failures in the pool."""
         rest = self.margin[~self.driven]
         return self.risk().count(int(self.failed.sum()), int(self.driven.sum()), rest, self._rng(99))
 

@@ -1,4 +1,4 @@
-"""How likely a failure is at a margin of the rehearsal, and so how many there are among episodes that nobody drove.
+"""The probability of a failure at a margin, and the estimated number of failures among undriven episodes.
 
 A Bayesian logistic regression on the margin, with a bend at zero, fitted to episodes that the driving system drove
 after the stand-in had been learned. The posterior is drawn from by importance sampling around its mode with a
@@ -25,7 +25,7 @@ _CELLS = 400  # classes of margins over which the rest is summed
 
 
 class Count(NamedTuple):
-    """How many of a pool's episodes fail, and the share of failures that follows: estimate and 95% interval each."""
+    """Number and share of failures in a pool, each as an estimate with a 95% interval."""
 
     failures: float
     failures_low: float
@@ -36,7 +36,7 @@ class Count(NamedTuple):
 
 
 class Risk:
-    """The chance of a failure at each margin.
+    """The probability of a failure at each margin.
 
     :param margin: float64[n] [m] or [s]; failed: bool[n]. Without any, what holds is the prior.
     """
@@ -50,12 +50,12 @@ class Risk:
         self._spread = np.linalg.cholesky(np.linalg.inv(information))
 
     def chance(self, margin: Floats) -> Floats:
-        """Return the most likely chance of a failure at each margin, float64[n]."""
+        """Return the estimated probability of a failure at each margin, float64[n]."""
         chance: Floats = expit(_terms(margin) @ self._mode)
         return chance
 
     def count(self, known: int, driven: int, margin: Floats, rng: np.random.Generator) -> Count:
-        """Return how many failures a pool holds of which a part was driven.
+        """Return the estimated number of failures in a pool of which a part was driven.
 
         :param known: failures among the `driven` episodes.
         :param margin: float64[m], of the rest.

@@ -1,4 +1,4 @@
-"""The search held with a driving system, and its files in a folder.
+"""A search with a driving system, and its files in a folder.
 
 search.json (what is searched, and by which parameters and versions), parts/ (the runs, as an exam's), episodes.parquet
 (a row for each that was driven), report.json (with the failures, the worst first, and the setting that drives them
@@ -55,7 +55,7 @@ class _Failed(Exception):
 
 
 def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int = 1, quiet: bool = False) -> list[str]:
-    """Search, write and print what is found; return why the ADS did not drive what it was given, or nothing.
+    """Search, write and print the result; return the reasons for which the ADS did not drive its episodes.
 
     :param workers: runs side by side.
     :raises InvalidInput: a parameter is refused, or `folder` holds something else; nothing has been run then.
@@ -121,7 +121,7 @@ def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int =
 
 
 def plain(count: Count, driven: int) -> dict[str, float]:
-    """Return how many episodes drawn at random would give an interval as narrow, and how many times as many they are.
+    """Return the number of random episodes that would give the same interval, and its ratio to the driven ones.
 
     By the normal approximation, n = z^2 p (1 - p) / h^2 for half the interval's width h.
     """

@@ -1,4 +1,4 @@
-"""The search itself: drive, learn how the driving system drives, rehearse, drive where it may fail, and count."""
+"""The search: drive, train the surrogate, simulate with it, drive likely failures, and estimate their number."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Report = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """A search: with whom, among how many episodes, of which the system drives so many."""
+    """Parameters of a search: pedestrian, number of episodes in the pool, number that the system drives."""
 
     pedestrian: str
     pool: int
@@ -57,7 +57,7 @@ class Driven(NamedTuple):
 def seek(
     exam: Exam, search: SearchConfig, pool: list[Key], drive: Callable[[str, list[Key]], Driven], report: Report
 ) -> Plan:
-    """Search a pool of episodes, and return what has been driven and what is known of the rest.
+    """Search a pool of episodes, and return the driven episodes and the estimates for the rest.
 
     :param drive: has the driving system drive the episodes of a part, by its name.
     """
@@ -90,7 +90,7 @@ def _tell(report: Report, total: int, done: int) -> None:
 def rehearse(
     exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation, report: Callable[[int], None]
 ) -> Floats:
-    """Return the least margin of each episode with the stand-in at the wheel, float64[n].
+    """Return the least margin of each episode when the surrogate drives, float64[n].
 
     :param report: called now and then with how many episodes have ended.
     """

@@ -1,4 +1,4 @@
-"""How like people simulated interactions are: proper scores, likelihood, and a two-sample test by a classifier.
+"""Likeness of simulated interactions to people: proper scores, likelihood, two-sample test by a classifier.
 
 Any simulator can be measured: it returns positions float64[n, K, 2, 30, 2] that follow n recorded onsets (K
 roll-outs, vehicle and pedestrian, 30 steps of 0.1 s, map frame, metres; `evaluation.onsets`). `likelihood` holds the

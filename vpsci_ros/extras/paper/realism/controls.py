@@ -1,4 +1,4 @@
-"""Simulators that learn nothing, the controls: constant velocity, the mean turn, residuals of people at near onsets.
+"""Simulators without learning, the controls: constant velocity, mean turn, residuals of similar onsets.
 
 Each answers onsets with positions float64[n, K, 2, 30, 2] [m] in the map frame.
 """
@@ -16,7 +16,7 @@ NEAREST = 32  # onsets of other clips whose residuals are borrowed
 
 
 def constant_velocity(onsets: Onsets, velocity: Floats | None = None) -> Floats:
-    """Return where both agents come at the velocity of the onset, K = 1.
+    """Return positions of both agents at the velocity of the onset, K = 1.
 
     :param velocity: of the vehicle, float64[n, 2] [m/s]; None: as recorded.
     """
@@ -28,7 +28,7 @@ def constant_velocity(onsets: Onsets, velocity: Floats | None = None) -> Floats:
 
 
 def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
-    """Return where a vehicle comes with the curvature and the change of speed that others have on average, K = 1.
+    """Return positions with the vehicle's curvature and acceleration replaced by the mean of other clips, K = 1.
 
     Both are means over the 3 s after the library's onsets, of those in `borrowable`: one bend, one deceleration for all
     of a source. The pedestrian keeps its velocity.
@@ -55,7 +55,7 @@ def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
 
 
 def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_middle: Floats) -> Floats:
-    """Return a middle trajectory with what other people, at the `NEAREST` most similar onsets, did beside theirs.
+    """Return middle trajectories plus the residuals of the `NEAREST` most similar onsets of other clips.
 
     A residual is the recording less its own middle trajectory: the vehicle's forward and left of its heading, the
     pedestrian's in the same frame. No residual comes from the own clip, nor of another source where the own one

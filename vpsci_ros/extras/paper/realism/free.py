@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dict[str, Any]:
-    """Return Protocol B's part of `vpsci realism --json`: the long run, and two tests by a classifier.
+    """Return Protocol B's part of `vpsci realism --json`: statistics after the onset, and two classifier tests.
 
     :param table: recorded near misses of whole tracks; episodes: at most so many of the dataset.
     :raises InvalidInput: the dataset cannot be read, or has no critical episode with 3 s after its onset.

@@ -1,4 +1,4 @@
-"""The likelihood of what happened under a simulator's roll-outs, as in the Waymo Open Sim Agents Challenge.
+"""The likelihood of the recorded motion under a simulator's roll-outs (Waymo Open Sim Agents Challenge).
 
 For each agent and quantity the steps of all roll-outs make a histogram, each bin with `PSEUDO` more; the likelihood of
 an interaction is exp of the mean log probability of the recorded steps' bins; the whole is their weighted mean. See

@@ -1,4 +1,4 @@
-"""`vpsci realism` without its command line: what is measured, part after part, each kept as soon as it is done."""
+"""`vpsci realism` without its command line: its measurements, each part stored as soon as it is finished."""
 
 import contextlib
 import json

@@ -20,7 +20,7 @@ FAMILIES = ("all", "vehicle", "pedestrian", "joint")
 
 
 class TwoSample(NamedTuple):
-    """What the classifier comes to."""
+    """The result of the classifier test."""
 
     auc: float  # area under the curve, each scored by a fold that has not seen its clip; mean of the repetitions
     auc_interval: tuple[float, float]  # 95%, clips resampled
@@ -38,7 +38,7 @@ def two_sample(
     paired: bool = True,
     repetitions: int = REPETITIONS,
 ) -> TwoSample:
-    """Classify recordings and simulations, in folds by clip, several times with folds and draws of its own.
+    """Classify recordings and simulations with folds by clip, repeated with new folds and draws.
 
     :param recorded: feature -> float64[n].
     :param simulated: feature -> float64[m, K], K simulations that share a weight of 1; a mapping for each repetition,
@@ -80,7 +80,7 @@ def _once(real: Floats, made: Floats, clips: tuple[NDArray[np.object_], NDArray[
 
 
 def family(features: Mapping[str, Floats], name: str) -> dict[str, Floats]:
-    """Return the features of one of `FAMILIES`; the start's are always among them."""
+    """Return the features of one of `FAMILIES`, and those of the start."""
     return {key: value for key, value in features.items() if name == "all" or key.startswith((f"{name}_", "start_"))}
 
 

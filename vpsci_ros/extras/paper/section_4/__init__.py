@@ -1,1 +1,1 @@
-"""The statistics and figures of the paper's section 4: a dataset beside recorded people, safety measures compared."""
+"""Statistics and figures of the paper's section 4: a dataset beside recordings; comparison of safety measures."""

@@ -13,7 +13,7 @@ LEAST_IN_BIN = 10  # interactions; a share of fewer says nothing
 
 
 class Question(NamedTuple):
-    """How often `flag` holds in bins, conditions on `comparison.SCHEMA`; and what the paper answers."""
+    """A question: the share of `flag` in bins (conditions on `comparison.SCHEMA`), and the paper's answer."""
 
     name: str
     flag: str

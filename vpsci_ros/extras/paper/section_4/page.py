@@ -112,7 +112,7 @@ def write_report(
 
 
 def critical_shares(near_misses: Path) -> dict[str, dict[str, int]]:
-    """Return by source how many pairs an import found and how many of them became critical, where its table says."""
+    """Return by source the numbers of imported and of critical pairs, if the table has them."""
     sources = read_metadata(near_misses_path(near_misses)).get("sources", {})
     names = "pairs", "near_misses"
     return {
@@ -123,7 +123,7 @@ def critical_shares(near_misses: Path) -> dict[str, dict[str, int]]:
 
 
 def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | None) -> list[tuple[str, str, Path]]:
-    """Return key, title and path of everything that a report compares; by the keys its links find the episodes."""
+    """Return key, title and path of each source of a report; its links use the keys."""
     given = {GENERATED: folder, BESIDE: beside, RECORDED: near_misses}
     return [(key, TITLES[key], path) for key, path in given.items() if path is not None]
 

@@ -1,4 +1,4 @@
-"""`vpsci safety compare`: how often each safety measure sees the conflicts that the others see, and how much earlier.
+"""`vpsci safety compare`: how often each safety measure detects the others' conflicts, and how much earlier.
 
 Every measure flags an interaction as a conflict at the first step at which it passes its threshold. Interactions of one
 clip share agents and traffic, so the intervals come from resampling whole clips. The interactions were selected by
@@ -48,7 +48,7 @@ THRESHOLDS = (
 
 
 def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], NDArray[np.int64]]:
-    """Return when each measure first flags each interaction, where PET is defined, and the clip of each interaction.
+    """Return each measure's first flag in each interaction, whether PET is defined, and the clips.
 
     :param table: a near-miss table. Vehicles have the size of their source, else the default size.
     :returns: float64[N, len(MEASURES)], time since the interaction's first row [s], infinity where never; bool[N]; and
@@ -93,7 +93,7 @@ RESAMPLES = 1000
 
 @dataclass(frozen=True)
 class Agreement:
-    """What the measures see of each other's conflicts; M measures, all in the order of `names`.
+    """Detection of each other's conflicts by M measures, all in the order of `names`.
 
     :ivar names: of the measures.
     :ivar interactions, clips: in the table.

@@ -1,4 +1,4 @@
-"""Errors of stage 1, and of stage 2 after it, on clips they have not seen, of the whole data: each is held out once.
+"""Cross-validation of stages 1 and 2: errors on each clip while it is held out, each clip once.
 
 A few dozen vehicles make one split a lottery: held out or not, a single braking car moves the mean. Cross-validation
 trains as often as there are folds and measures every interaction by the policies that have not learned from its clip.
@@ -36,7 +36,7 @@ FoldReport = Callable[[str, stage_1.Report], None] | None
 
 @dataclass(frozen=True)
 class Refinement:
-    """Stage 2 of every fold, as `vpsci_ros.learning.online.refine` takes it.
+    """Configuration of stage 2 in every fold, for `vpsci_ros.learning.online.refine`.
 
     What guards against forgetting is `GUARD` of the fold's own clips instead of `held_out_fraction`, since the
     clips held out are for measuring alone.
@@ -47,7 +47,7 @@ class Refinement:
     learner_seed: int
 
     def identity(self) -> dict[str, Any]:
-        """Return, as JSON values, everything that its result depends on besides weights and data."""
+        """Return, as JSON values, everything that the result of stage 2 depends on besides weights and data."""
         return {
             "refine": values_of(self.config),
             "simulation": self.simulation.identity(),
@@ -66,7 +66,7 @@ def cross_validate(
     refinement: Refinement | None = None,
     report: FoldReport = None,
 ) -> dict[str, Any]:
-    """Train once a fold and measure on the clips held out; write and return `cross_validation.json`.
+    """Train once in each fold and measure on its held-out clips; write and return `cross_validation.json`.
 
     The layout is that of `errors.evaluate`, with the model `pretrained` and, if there is a refinement, `refined`: their
     errors are those of all interactions, each by the fold's policies that have not learned from its clip. `folds` adds

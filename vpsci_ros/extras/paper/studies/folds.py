@@ -15,7 +15,7 @@ Parts = list[tuple[pl.DataFrame, Interactions]]
 
 
 def held_out_folds(near_misses: pl.DataFrame, folds: int, seed: int) -> tuple[Parts, Interactions]:
-    """Return, for each fold, what is learned from and what is held out; and all that is held out, fold by fold.
+    """Return training and held-out data of each fold, and all held-out data in the order of the folds.
 
     Held out are the interactions of a second or more of the fold's own clips.
 
@@ -42,7 +42,7 @@ def pooled(measured: Sequence[Measured]) -> Measured:
 
 
 def folds_by_clip(table: pl.DataFrame, folds: int, seed: int) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
-    """Return (training, held out) of each fold: every clip is held out exactly once, and folds are of like size.
+    """Return (training, held out) of each fold: every clip is held out exactly once; folds have similar sizes.
 
     Clips, those with most interactions first and then in the order of a hash of (seed, source, clip), go to the fold
     that has the fewest interactions so far.

@@ -1,4 +1,4 @@
-"""Table 9 on the near misses at hand: all its models in both settings, by cross-validation, with naive controls.
+"""Table 9 on given near misses: all its models, with and without hybrid learning, beside naive controls.
 
 Data-driven: learned from recorded near misses. Hybrid (`..._refined`): gone on from there with simulation, models by
 reinforcement as `vpsci refine` trains them, the others on simulated interactions among the recorded ones.
@@ -48,7 +48,7 @@ def compare_models(
     factors: Sequence[float] = (),
     report: Report | None = None,
 ) -> dict[str, Any]:
-    """Train each model `seeds` times a fold and measure it on the clips held out; write and return `models.json`.
+    """Train each model `seeds` times in each fold, measure on its held-out clips; write and return `models.json`.
 
     The layout is that of `errors.evaluate`; errors of several seeds are means by interaction. Each model also has
     `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,

@@ -1,4 +1,4 @@
-"""What each row of Table 9 comes to on clips held out, pooled over folds and seeds, with intervals by clips."""
+"""Each row of Table 9 on held-out clips, pooled over folds and seeds, with intervals by clips."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Hybrid:
-    """How models go on in simulation, and where they are measured there.
+    """Hybrid learning: the training in simulation, and the world in which models are measured.
 
     :ivar refinement: of models by reinforcement, and the world in which all models are measured.
     :ivar simulated: near-miss table of simulated interactions, for all others.
@@ -54,13 +54,13 @@ class Hybrid:
     seed: int
 
     def identity(self) -> dict[str, Any]:
-        """Return, as JSON values, everything that what is learned depends on besides recorded data and weights."""
+        """Return, as JSON values, everything that the training depends on besides recorded data and weights."""
         return self.refinement.identity() | {"simulated": table_hash(self.simulated)}
 
 
 @dataclass
 class Pooled:
-    """What a row came to, fold by fold; of errors, each a list over seeds."""
+    """The results of a row, fold by fold; each error is a list over seeds."""
 
     errors: list[list[Measured]] = field(default_factory=list)
     positions: list[NDArray[np.float64]] = field(default_factory=list)
@@ -72,7 +72,7 @@ class Pooled:
     parameters: int = 0
 
     def note(self, ends: Mapping[str, int]) -> None:
-        """Take in what `_ends` returns of one training."""
+        """Add the outcomes of one training, as `_ends` returns them."""
         self.ended.append(ends["critical"])
         self.collided.append(ends["collided"])
         self.at_goals.append(ends["at_goals"])
@@ -94,7 +94,7 @@ class Pooled:
 
 
 class Measuring:
-    """Measures weights on what they have not learned from.
+    """Measures weights on data that they were not trained on.
 
     :param together: all interactions that are held out, in the order of the folds.
     :param near_misses: the whole table; seed: of what is drawn and resampled.
@@ -113,7 +113,7 @@ class Measuring:
         self._onsets = onsets.take(rows[place[rows] >= 0])
 
     def add(self, row: Pooled, path: Path, held_out: Interactions, trained: int, hybrid: Hybrid | None) -> None:
-        """Measure weights that have not learned from the clips of `held_out`, as the `trained`-th of their fold."""
+        """Measure weights not trained on the clips of `held_out`; `trained` is their index within the fold."""
         weights = load_weights(path)
         if trained == 0:
             row.errors.append([])

@@ -1,4 +1,4 @@
-"""How each network of `vpsci_ros.policy.models` learns for `vpsci study models`.
+"""The training of each network of `vpsci_ros.policy.models` for `vpsci study models`.
 
 All learn from the same near misses in the same number of updates: by supervision the next velocity of recorded steps
 (the paper's supervised rows), or by reinforcement, multi-agent and single-agent, as `vpsci pretrain` trains.
@@ -31,12 +31,12 @@ class _Learning(Protocol):
 
 
 def by_reinforcement(name: str) -> bool:
-    """Return whether the model of this name learns by the policy gradient of critics."""
+    """Return whether the model of this name is trained by the policy gradient of critics."""
     return MODELS.find(name).learning.endswith("ddpg")
 
 
 def untrained(name: str, network: NetworkConfig, seed: int) -> Networks:
-    """Return the networks of this name; targets start equal to them.
+    """Return untrained networks of this name, with equal targets.
 
     :raises InvalidInput: see `network_of`.
     """

@@ -1,4 +1,4 @@
-"""All figures and tables of the paper that data can show, from a dataset and from what other commands have left.
+"""All figures and tables of the paper that can be drawn from a dataset and from results of other commands.
 
 Figures 4, 5, 7 to 9 and 11 to 13 and Tables 6, 7 and 10 come from a dataset, from recorded near misses, and from a
 dataset of the rule-based pair, which stands for CARLA's default controller. Figures 6 and 10 and Tables 3, 5, 9 and 11
@@ -75,7 +75,7 @@ def write_paper(
     runs: Sequence[Path] = (),
     notify: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Write paper.html, paper.json and figure_N.png into `output`, and return what is missing: name -> what makes it.
+    """Write paper.html, paper.json and figure_N.png into `output`; return missing parts: name -> command.
 
     :param dataset: of `vpsci generate` or `vpsci published`.
     :param near_misses: recorded people, see `read_near_misses`.
@@ -150,7 +150,7 @@ def _table(path: Path) -> Any:
 
 
 def save_locations(scenarios: Sequence[Scenario], path: str | Path) -> None:
-    """Draw each location with the lane and crosswalks of its scenarios and who goes where (Figure 4 b), as a PNG."""
+    """Draw the lane, crosswalks and routes of each location's scenarios (Figure 4 b), as a PNG."""
     places = list(dict.fromkeys(scenario.location for scenario in scenarios))
     figure, axes = new_figure(5.2 * len(places), 5.4, 1, len(places))
     for axis, place in zip(axes.flat, places, strict=True):

@@ -40,7 +40,7 @@ from vpsci_ros.runs.progress import StageBar, stopped_between_updates
 
 
 def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
-    """Table 3 by `sample_size_study`; goes on with what a stopped study left in `folder`.
+    """Run `sample_size_study` (Table 3) in `folder`; resume a stopped study.
 
     :param sizes: interactions to learn from; none: the paper's.
     :raises InvalidInput: a parameter, a size or the near misses are refused, or `folder` holds another study.
@@ -68,7 +68,7 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
 def run_fold_study(
     sections: Sections, folder: Path, folds: int, *, stage_2: Sections | None = None, quiet: bool = False
 ) -> None:
-    """Errors of stage 1, and of stage 2 after it, by `cross_validate`; goes on with what a stopped study left.
+    """Run `cross_validate` of stage 1, or of stages 1 and 2; resume a stopped study.
 
     :param stage_2: sections of its parameter file, whose weights and near misses do not count; None: stage 1 alone.
     :raises InvalidInput: a parameter, the number of folds or the near misses are refused, or `folder` holds another
@@ -119,7 +119,7 @@ def _stage_1_inputs(sections: Sections) -> Stage1Inputs:
 
 @dataclass(frozen=True)
 class ModelStudy:
-    """What `run_model_study` compares, besides the parameters of stage 1.
+    """Options of `run_model_study` besides the parameters of stage 1.
 
     :ivar models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
     :ivar folds, seeds: trainings of each model: `folds` times `seeds`.
@@ -140,7 +140,7 @@ class ModelStudy:
 
 
 def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quiet: bool = False) -> None:
-    """Table 9 by `compare_models`; goes on with what a stopped study left in `folder`.
+    """Run `compare_models` (Table 9) in `folder`; resume a stopped study.
 
     :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, one of
         `refine` and `simulated` is missing, or `folder` holds another study.
@@ -209,7 +209,7 @@ def run_weight_study(
     fresh_seed: int,
     quiet: bool = False,
 ) -> None:
-    """Table 5 by `reward_weight_study`; goes on with what a stopped study left in `folder`.
+    """Run `reward_weight_study` (Table 5) in `folder`; resume a stopped study.
 
     :param weightings: names of `WEIGHTINGS`; none: all.
     :param fresh_episodes: simulated in each scenario, by `fresh_seed`, to measure the rates on.

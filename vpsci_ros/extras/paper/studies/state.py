@@ -1,4 +1,4 @@
-"""What a configuration of a study has come to, kept in its folder, so that a study goes on with what is missing."""
+"""The stored result of a study's configuration, so that a resumed study computes only missing results."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,7 @@ STATE = "study.json"
 
 
 def once(folder: Path, identity: dict[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return the row of the table that `make` makes, or that it made for the same `identity` in an earlier run.
+    """Return the row that `make` computes, or the stored row of an earlier run with the same `identity`.
 
     `study.json` in `folder` holds both: {"of": identity, "row": null until it is made}.
 

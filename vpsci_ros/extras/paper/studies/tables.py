@@ -83,7 +83,7 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
 
 
 def print_table_9(result: dict[str, Any], console: Console) -> None:
-    """Print of what `model_comparison.compare_models` returned what fits 80 columns; `table_9_page` has the rest."""
+    """Print a result of `model_comparison.compare_models` in 80 columns; `table_9_page` has all columns."""
     rows = []
     for name, of in result["models"].items():
         if name == "constant_velocity":

@@ -1,4 +1,4 @@
-"""Tuning of each row of Table 9 on its own training clips: several steps of the optimisers, each tried once."""
+"""Tuning of the step size for each row of Table 9, on a part of its training clips."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ PARTS, SHARE = 4, 3  # one of so many parts of the training clips is held back, 
 
 
 def with_steps(config: PretrainConfig, factor: float) -> PretrainConfig:
-    """Return what has each optimiser's step sizes times `factor`."""
+    """Return the configuration with all step sizes multiplied by `factor`."""
     updates = config.updates
     actors, critics = factor * updates.actor_learning_rate, factor * updates.critic_learning_rate
     return replace(config, updates=replace(updates, actor_learning_rate=actors, critic_learning_rate=critics))
@@ -34,7 +34,7 @@ def try_steps(
     factors: Sequence[float],
     check: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return which of `factors` times the step sizes does best, as `factor`, and what each came to, as `ade`.
+    """Return the best of `factors` on the step sizes, as `factor`, and the error of each, as `ade`.
 
     Each learns on three quarters of the clips of `training` in a third of the updates, and is measured by its ADE in
     closed loop [m] on the last quarter; one that is not finite is not chosen.

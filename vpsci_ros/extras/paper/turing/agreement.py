@@ -1,4 +1,4 @@
-"""How far raters agree, ICC(2,k), and how well each separates real clips from simulated ones, d'.
+"""Agreement of raters, ICC(2,k), and how well each separates recorded from simulated clips, d'.
 
 pingouin has ICC(2,k), and needs pandas, seaborn, statsmodels and scikit-learn for it; these few lines are checked
 with the example of the paper that they come from.

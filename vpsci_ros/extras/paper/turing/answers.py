@@ -1,4 +1,4 @@
-"""The answers of raters: their files checked, and put into arrays of raters, scenes and sources."""
+"""The answers of raters: reading and checking their files, as arrays of raters, scenes and sources."""
 
 import math
 from collections.abc import Sequence

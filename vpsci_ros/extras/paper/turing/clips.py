@@ -1,4 +1,4 @@
-"""The clips of a Turing test: scenes of recorded people, each shown as it was and as two simulators go on with it.
+"""The clips of a Turing test: recorded scenes, each continued as recorded and by two simulators.
 
 The two are the policies and, in the place of CARLA's default controller, the rule-based pair: a vehicle that goes on
 turning as it did and brakes fully for whoever is near and straight ahead, and a pedestrian who does not react.
@@ -47,7 +47,7 @@ class RatedClip:
 
 
 def draw_scenes(table: pl.DataFrame, count: int, seed: int) -> Onsets:
-    """Return recorded onsets with a whole second before them, as many of different recordings as there are.
+    """Return recorded onsets with a whole second before them, from as many recordings as possible.
 
     Standing cars and tracks that begin critical are left out.
 
@@ -70,7 +70,7 @@ def draw_scenes(table: pl.DataFrame, count: int, seed: int) -> Onsets:
 
 
 def make_clips(onsets: Onsets, policy: Policy, seed: int) -> list[RatedClip]:
-    """Return three clips a scene, named and ordered at random."""
+    """Return three clips for each scene, named and ordered at random."""
     history = onsets.interactions.motion[np.arange(len(onsets))[:, None], _history_steps(onsets)]
     before = np.stack([history[..., 0:2], history[..., 5:7]], axis=1)
     predicted = closed_loop_trajectories(predictor_of(policy, onsets.clip, seed), onsets.interactions)
@@ -98,7 +98,7 @@ def _history_steps(onsets: Onsets) -> NDArray[np.int64]:
 
 
 def equalised(places: Floats, heading: float) -> Floats:
-    """Return a clip's motion, float64[T, 5], smoothed alike whatever its source.
+    """Return a clip's motion, float64[T, 5], with the same smoothing for all sources.
 
     Positions are those of a least-squares parabola over 0.7 s; the vehicle's heading is the direction in which these
     move, and stays while they hardly do.

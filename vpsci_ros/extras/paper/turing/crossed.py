@@ -21,7 +21,7 @@ LEVEL = 0.95
 
 
 class Mean(NamedTuple):
-    """A mean with its standard error, degrees of freedom and interval; NaN where nothing can be said."""
+    """A mean with its standard error, degrees of freedom and interval; NaN where they are undefined."""
 
     value: float
     error: float
@@ -80,7 +80,7 @@ def welch(one: Floats, other: Floats) -> Mean:
 
 
 def p_value(mean: Mean, against: float = 0.0) -> float:
-    """Return the two-sided p-value of a mean against a value; NaN where nothing can be said."""
+    """Return the two-sided p-value of a mean against a value; NaN where it is undefined."""
     if not mean.error > 0.0:
         return math.nan if math.isnan(mean.error) else float(mean.value == against)
     return float(2.0 * stats.t.sf(abs(mean.value - against) / mean.error, mean.freedom))
@@ -100,7 +100,7 @@ def tost(mean: Mean, margin: float) -> float:
 
 
 def share_of(mean: Mean, units: int) -> Mean:
-    """Return a mean of values from 0 to 1 with an interval that stays there.
+    """Return a mean of values from 0 to 1, with an interval within 0 to 1.
 
     Wilson's, for as many independent judgements as have this standard error, and t instead of the normal quantile:
     with p the mean, n = p (1 - p) / error^2. See Korn and Graubard, "Confidence intervals for proportions with small

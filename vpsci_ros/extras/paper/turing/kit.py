@@ -63,7 +63,7 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int)
 
 
 def write_questionnaire(path: Path, kit: str, clips: Sequence[RatedClip]) -> None:
-    """Write the page for the raters: the clips by their names, and nothing of where they come from."""
+    """Write the page for the raters: the clips by name, without their sources."""
     html.write_page(
         path,
         TEMPLATES / "questionnaire.html",

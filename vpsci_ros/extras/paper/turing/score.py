@@ -1,4 +1,4 @@
-"""A Turing test's result as one dictionary: who was recognised, Table 11, and what could not be concluded."""
+"""A Turing test's result as one dictionary: recognition rates, Table 11, and what cannot be concluded."""
 
 import math
 from typing import Any, NamedTuple
@@ -55,7 +55,7 @@ PUBLISHED_ICC = (0.763, 0.590, 0.830)  # ICC(2,k) with its interval, 44 raters
 
 
 def score(answers: Answers) -> dict[str, Any]:
-    """Return everything that the answers say, JSON values."""
+    """Return all results of the answers, as JSON values."""
     raters, scenes, _ = answers.realism.shape
     flat = answers.realism.reshape(raters, -1)
     return {
@@ -80,7 +80,7 @@ def score(answers: Answers) -> dict[str, Any]:
 
 
 def correct(answers: Answers, source: str) -> NDArray[np.float64]:
-    """Return float64[R, K]: of each scene's recorded clip and that of `source`, the share rated rightly: 0, 0.5, 1."""
+    """Return the share of correct ratings of each scene's two clips, recorded and `source`, float64[R, K]."""
     return 0.5 * (answers.real[..., 0].astype(float) + ~answers.real[..., SOURCES.index(source)])
 
 
@@ -115,7 +115,7 @@ def _pair(answers: Answers, first: str, second: str) -> dict[str, Any]:
 
 
 def as_the_paper(answers: Answers) -> dict[str, Any]:
-    """Return what section 4.4's own analysis comes to: without raters that it excludes, all judgements independent.
+    """Return the paper's analysis (section 4.4): some raters excluded, all judgements taken as independent.
 
     t is (32), d (33), TOST (34) with the standard error of (32).
     """
@@ -136,7 +136,7 @@ def as_the_paper(answers: Answers) -> dict[str, Any]:
 
 
 def excluded_raters(answers: Answers) -> dict[str, str]:
-    """Return raters who do not distinguish clips or rate all as out of the ordinary, and why; blind to the sources.
+    """Return the raters to exclude, with reasons: equal or extreme scores; the clips' sources are not used.
 
     The paper excluded 7 of 51 for scores without variance and for bias, and gives no bounds. Here: a standard deviation
     of the rater's scores below `LEAST_SPREAD`, or a mean beyond Tukey's fences of the raters' means, 1.5 interquartile
@@ -156,7 +156,7 @@ def excluded_raters(answers: Answers) -> dict[str, str]:
 
 
 def conclusion(difference: Mean) -> str:
-    """Return what a difference allows to say of other raters and other scenes."""
+    """Return the conclusion that a difference allows for other raters and other scenes."""
     if math.isnan(difference.error):
         return "open"
     equivalent, different = tost(difference, MARGIN) < ALPHA, p_value(difference) < ALPHA
@@ -192,7 +192,7 @@ def knowing_raters(answers: Answers) -> list[dict[str, Any]]:
 
 
 def not_concluded(answers: Answers) -> list[str]:
-    """Return in words what these answers leave open, and what it would take."""
+    """Return sentences about the questions that these answers leave open, and the data needed for them."""
     raters, scenes, _ = answers.realism.shape
     out = []
     if raters < 2:
