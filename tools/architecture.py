@@ -71,7 +71,7 @@ def written() -> str:
     lines = [f"    {room} --> {other}" for room, theirs in direct(below).items() for other in sorted(theirs)]
     rows = [f"| `{room}` | {first_sentence(room)} |" for room in order]
     return "\n".join(
-        ["```mermaid", "flowchart BT", *lines, "```", "", "| room, imported ones first | content |", "|---|---|", *rows, ""]
+        ["```mermaid", "flowchart BT", *lines, "```", "", "| room, lowest first | content |", "|---|---|", *rows, ""]
     )
 
 

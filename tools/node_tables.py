@@ -36,16 +36,17 @@ PARAMETERS = """# Parameters
 `tools/node_tables.py` writes this page from the code: each parameter once, by purpose. `params/*.yaml` set most of
 them; `--set NODE.NAME=VALUE`, `vpsci node NODE --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown
 name, a wrong type, a value out of range, or a name that the stage does not read ends the command with a message. A
-dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` has the parameters that
-several nodes share. "(running)" marks a parameter that may be set while the node runs. All other values are constants,
-with their sources (`constant(...)` in each room's `config.py`); only Python code can change them.
+dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` has the parameters
+that several nodes share. "(running)" marks a parameter that may be set while the node runs. All other values are
+constants with their sources (`constant(...)` in each room's `config.py`); only Python code can change them.
 """
 
 NOTES = """
 ## Names, time and diagnostics
 
-- **Namespaces.** With `-r __ns:=/left` all names get the prefix: `/left/world/state`, and `/left/clock` for the world's
-  time. The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also `-r /clock:=clock`.
+- **Namespaces.** With `-r __ns:=/left` all names get the prefix: `/left/world/state`, and `/left/clock` for the
+  world's time. The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also
+  `-r /clock:=clock`.
   `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the namespace as prefix
   (`left/vehicle/base_link`). Graphs in two namespaces or two values of `ROS_DOMAIN_ID` do not disturb each other.
 - **Quality of service.** `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`)
@@ -53,13 +54,13 @@ NOTES = """
   subscribe with any depth.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
 - **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, rejected messages
-  (`vpsci_ros/world/counts.py`). Reports are stamped with simulated time, as all messages of a bag. WARN: the node waits;
-  ERROR: it rejects messages. Reports depend on the machine. Everything else in a bag depends on the parameters alone, as
-  long as no answer is missing and no learner or external driving system takes part.
+  (`vpsci_ros/world/counts.py`). Reports are stamped with simulated time, as all messages of a bag. WARN: the node
+  waits; ERROR: it rejects messages. Reports depend on the machine. Everything else in a bag depends on the parameters
+  alone, as long as no answer is missing and no learner or external driving system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores and write one log each.
-- **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while they
-  have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
+- **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while
+  they have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
   `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
   (`docs/foxglove_layout.json`) show them.
 - **End.** The world ends after its episodes. The other nodes wait for the next world until Ctrl-C.

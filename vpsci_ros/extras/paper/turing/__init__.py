@@ -1,4 +1,4 @@
-"""The Turing test of section 4.4 as a kit: can raters distinguish recorded from generated interactions?
+"""The Turing test of section 4.4 as a kit: whether raters can distinguish recorded from generated interactions.
 
 `clips` draws scenes and shows each three times: as recorded, as the policies go on from the same start, and as a
 control does. `kit` writes the questionnaire, one HTML file that works without a network, and the key, which stays with
