@@ -213,23 +213,6 @@ def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["bag", "log", "params.yaml", "run.json"]
 
 
-@forked
-def test_a_folder_that_is_replaced_by_a_link_ends_the_run_and_nothing_is_written_where_it_leads(
-    domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords
-) -> None:
-    run, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
-    (elsewhere / "bag").mkdir(parents=True)
-
-    def replace(nodes: NodeProcesses) -> None:
-        run.rename(tmp_path / "moved")
-        run.symlink_to(elsewhere)
-
-    once_it_records(replace)
-    result = run_graph(fewest(sections(weights, episodes=100_000)), run, quiet=True)
-    assert result.error.startswith(f"{run}: this folder was deleted, moved or replaced")
-    assert [path.name for path in elsewhere.rglob("*")] == ["bag"]
-
-
 def test_a_folder_that_is_not_empty_is_refused_before_anything_starts(tmp_path: Path, weights: str) -> None:
     (tmp_path / "kept").write_text("kept")
     with pytest.raises(InvalidInput, match="not empty"):

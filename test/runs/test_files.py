@@ -2,8 +2,6 @@
 
 import os
 import socket
-import subprocess
-import sys
 
 import pytest
 
@@ -20,30 +18,13 @@ def test_a_failed_write_keeps_the_file_that_was_there(tmp_path) -> None:
     assert target.read_text() == "before"
 
 
-_KILLED = """
-import os, signal, sys
-from vpsci_ros.runs.files import written_whole
-with written_whole(sys.argv[1]) as part:
-    part.write_text("half")
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_write_removes_what_a_killed_one_left_of_the_same_file_and_not_what_another_process_still_writes(
-    tmp_path,
-) -> None:
-    target, other = tmp_path / "a[1].html", tmp_path / ".b.html.abcdefgh.part"
-    assert subprocess.run([sys.executable, "-c", _KILLED, str(target)]).returncode == -9
-    (left,) = tmp_path.iterdir()  # a part, and no file
-    assert left.name.endswith(".part")
-    other.write_text("half of another file")
+def test_of_two_writes_of_one_file_at_once_the_last_one_stays_whole_and_nothing_beside_it(tmp_path) -> None:
+    target = tmp_path / "a[1].html"
     with written_whole(target) as first:
-        assert set(tmp_path.iterdir()) == {first, other}
         with written_whole(target) as second:
-            assert set(tmp_path.iterdir()) == {first, second, other}
             second.write_text("second")
         first.write_text("first")
-    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path != other} == {target.name: "first"}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {target.name: "first"}
 
 
 def test_what_is_no_file_is_never_replaced_by_one(tmp_path) -> None:

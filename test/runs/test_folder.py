@@ -15,8 +15,9 @@ from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs import folder
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256
-from vpsci_ros.runs.folder import RunFolder, read_record
+from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import stopped_between_updates
+from vpsci_ros.runs.record import read_record
 
 SECTIONS = Sections({"learner": {"seed": 1, "episodes": 600, "near_misses": []}})
 

@@ -3,7 +3,7 @@
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 
 MINE = {"seed": 3, "learner": {"rates": (0.1, 0.2), "stage": "refine"}}
 

@@ -13,7 +13,7 @@ from vpsci_ros.bags.reader import bag_files, lost_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.runs.folder import Claim
+from vpsci_ros.runs.output_folder import FolderLock
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def repair_bag(folder: str | Path) -> Repair:
     :raises InvalidInput: no bag, one without a single whole message, or one that is being recorded.
     """
     paths = bag_files(folder)
-    with contextlib.closing(Claim(paths[0].parent)):
+    with contextlib.closing(FolderLock(paths[0].parent)):
         return _repaired(Path(folder), paths)
 
 

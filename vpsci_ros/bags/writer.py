@@ -16,8 +16,8 @@ from mcap.writer import CompressionType, Writer
 from vpsci_ros import __version__
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.runs.files import require_empty_folder, written_whole
-from vpsci_ros.runs.folder import Claim
+from vpsci_ros.runs.files import require_empty_folder, write_text
+from vpsci_ros.runs.output_folder import FolderLock
 
 RUN = "vpsci_ros"  # name of the record with which every file ends
 COUNTS = {"seen": "seen", "written": "messages", "refused": "refused"}  # its keys by topic -> fields of `BagTopic`
@@ -86,9 +86,9 @@ class BagWriter:
     def __init__(
         self, folder: str | Path, topics: list[BagTopic], *, chunk_size: int = CHUNK_SIZE, split_size: int = 0
     ) -> None:
-        self._claim = Claim(folder)
+        self._lock = FolderLock(folder)
         self.folder = require_empty_folder(folder)
-        if self._claim.made:
+        if self._lock.made:
             self.folder.chmod(0o700)  # positions of people
         self.topics = {topic.name: topic for topic in topics}
         self.files: list[BagFile] = []
@@ -113,7 +113,6 @@ class BagWriter:
             self._require_whole()
         try:  # rather than `_on_disk`, which takes as long as half a small message
             if self._full and self.files[-1].messages:
-                self._claim.require_there()
                 self._finish()
                 self._open()
             row.seen += 1
@@ -145,13 +144,12 @@ class BagWriter:
         """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages.
 
         :raises VpsciError: the disk refuses it, or has refused anything before: then the last file breaks off, and has
-            to be repaired. Or the folder is not there any more.
+            to be repaired. Or the folder does not exist any more.
         """
         with self._on_disk():
             self._finish(custom_data)
-            self._claim.require_there()
             write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
-        self._claim.close()
+        self._lock.close()
 
     @contextlib.contextmanager
     def _on_disk(self) -> Iterator[None]:
@@ -238,9 +236,7 @@ def write_metadata(folder: Path, files: list[BagFile], topics: list[BagTopic], c
         "custom_data": dict(custom_data) or None,
         "ros_distro": "jazzy",
     }
-    with written_whole(folder / "metadata.yaml") as path:
-        text = dump_yaml({"rosbag2_bagfile_information": information})
-        path.write_text(text, encoding="utf-8")
+    write_text(folder / "metadata.yaml", dump_yaml({"rosbag2_bagfile_information": information}))
 
 
 def _extent(file: BagFile) -> dict[str, object]:

@@ -19,7 +19,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError, require
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
 from vpsci_ros.runs.config import Sections
-from vpsci_ros.runs.files import is_empty_folder
+from vpsci_ros.runs.files import is_empty_folder, write_text
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Shown, Source, read_source, shown
@@ -218,7 +218,7 @@ def _make_room(folder: Path, force: bool) -> None:
             else:
                 inside.unlink()
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / MARKER).write_text("made by 'vpsci demo', which may replace this folder\n", encoding="utf-8")
+    write_text(folder / MARKER, "made by 'vpsci demo', which may replace this folder\n")
 
 
 def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:

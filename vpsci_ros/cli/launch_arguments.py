@@ -12,7 +12,7 @@ from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters, read_parameter_file
 from vpsci_ros.resources import params_path
-from vpsci_ros.runs.files import require_empty_folder
+from vpsci_ros.runs.files import require_empty_folder, write_text
 
 
 class Argument(NamedTuple):
@@ -90,7 +90,7 @@ def prepare(params: str, output: str, given: Mapping[str, str], settings: str = 
     graph = sections.get(GraphConfig, "graph")
     parameters = require_empty_folder(folder) / "params.yaml"
     layout = as_ros_parameters(sections.values, any_namespace=True)
-    parameters.write_text(dump_yaml(layout), encoding="utf-8")
+    write_text(parameters, dump_yaml(layout))
     return LaunchedRun(folder, parameters, graph.nodes, graph.namespace)
 
 

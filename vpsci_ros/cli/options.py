@@ -65,7 +65,7 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
 
     @functools.wraps(command)
     def held(*args: P.args, **given: P.kwargs) -> None:
-        from vpsci_ros.runs.folder import output_folder
+        from vpsci_ros.runs.output_folder import output_folder
 
         output: Any = given.get("output")
         status = None

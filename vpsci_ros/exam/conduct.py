@@ -32,8 +32,8 @@ from vpsci_ros.exam.in_process import run_in_process
 from vpsci_ros.exam.measures import FirstCritical, RunResult, episodes_of
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.nodes.status import NodeStatus
-from vpsci_ros.runs.folder import RECORD, read_record
 from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder

@@ -28,7 +28,7 @@ from vpsci_ros.exam.report import (
 )
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.view.episode_sources import EXAM
 
 _KEY = ["scenario", "episode"]

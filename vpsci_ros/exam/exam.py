@@ -24,7 +24,7 @@ from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios

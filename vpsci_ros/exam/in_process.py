@@ -31,8 +31,8 @@ from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.files import sha256
-from vpsci_ros.runs.folder import RECORD, write_record
 from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.record import RECORD, write_record
 from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.intervention import Interventions

@@ -18,7 +18,8 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.runs.files import require_empty_folder, write_json
-from vpsci_ros.runs.folder import Claim, require_same
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.output_folder import FolderLock
 
 GIVE_UP = 100.0  # times the wanted episodes that may be rejected
 
@@ -183,7 +184,7 @@ def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Jour
         shutil.rmtree(folder / FOLDER, ignore_errors=True)  # a run that was killed while it removed it
         yield None
         return
-    with contextlib.closing(Claim(folder)):
+    with contextlib.closing(FolderLock(folder)):
         hidden = folder / FOLDER
         if not hidden.is_dir():
             require_empty_folder(folder)

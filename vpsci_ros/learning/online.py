@@ -15,7 +15,7 @@ from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import Weights, save_weights
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.loop import Loop
 
 LOG, EPISODES, BEST = "refine_log.csv", "refine_episodes.csv", "best.safetensors"

@@ -27,7 +27,7 @@ from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import Weights, resolved, save_weights
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS
 
 CHECKPOINT, WEIGHTS, LOG = "checkpoint.safetensors", "pretrained.safetensors", "log.csv"

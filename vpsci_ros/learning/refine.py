@@ -31,7 +31,7 @@ from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import SimulatedRewards
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)

@@ -31,9 +31,10 @@ from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, settin
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
-from vpsci_ros.runs.files import require_empty_folder, sha256
-from vpsci_ros.runs.folder import RECORD, Claim, write_record
+from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
+from vpsci_ros.runs.output_folder import FolderLock
 from vpsci_ros.runs.processes import ChildProcess, CoreTime, core_time, stop
+from vpsci_ros.runs.record import RECORD, write_record
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 
@@ -64,8 +65,13 @@ class GraphResult:
         return self.folder / "bag"
 
 
+def _never(nodes: Mapping[str, NodeStatus], idle: float) -> str:
+    """Return no reason to stop."""
+    return ""
+
+
 def run_graph(
-    sections: Sections, folder: str | Path, *, quiet: bool = False, stop_when: StopWhen | None = None
+    sections: Sections, folder: str | Path, *, quiet: bool = False, stop_when: StopWhen = _never
 ) -> GraphResult:
     """Run a graph to its end and return how it went.
 
@@ -86,24 +92,23 @@ def run_graph(
     begun = time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(only_graph(chosen.namespace))
-        claim = stack.enter_context(contextlib.closing(Claim(folder)))
+        stack.enter_context(contextlib.closing(FolderLock(folder)))
         folder = require_empty_folder(folder)
         result = GraphResult(folder)
         requested = stack.enter_context(stop_requested_by_signals())  # nothing cuts the record short
         with _collecting_errors(result):
             parameters = folder / "params.yaml"
             layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
-            parameters.write_text(dump_yaml(layout), encoding="utf-8")
+            write_text(parameters, dump_yaml(layout))
             compile_kernels()
             processes = NodeProcesses(
                 chosen.nodes, parameters, folder / "log", chosen.namespace, composed=chosen.composed
             )
-            _run_to_the_end(result, resolved, processes, quiet, requested, stop_when, claim)
+            _run_to_the_end(result, resolved, processes, quiet, requested, stop_when)
         result.wall_time = time.monotonic() - begun
         learner = resolved.values.get("learner")
         near_misses = [] if learner is None else corpus_files(learner.get("near_misses", []))
         with _collecting_errors(result):
-            claim.require_there()
             write_record(
                 folder / RECORD,
                 begun=begun,
@@ -129,38 +134,22 @@ def _weights(resolved: Sections) -> dict[str, Path]:
     return found
 
 
-def _taken_away(claim: Claim, stop_when: StopWhen | None) -> StopWhen:
-    """Have a run stop where its output folder is not there any more, besides where `stop_when` says so."""
-
-    def reason(nodes: Mapping[str, NodeStatus], idle: float) -> str:
-        if not claim.there:
-            return f"{claim.path}: this folder was deleted, moved or replaced"
-        return stop_when(nodes, idle) if stop_when else ""
-
-    return reason
-
-
 def _run_to_the_end(
     result: GraphResult,
     resolved: Sections,
     processes: "NodeProcesses",
     quiet: bool,
     requested: StopRequest,
-    stop_when: StopWhen | None,
-    claim: Claim,
+    stop_when: StopWhen,
 ) -> None:
     """Start and watch the processes, stop them, and complete what they leave; fill `result` in."""
     with processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(
-                    processes, watch, resolved.get(GraphConfig, "graph"), requested, _taken_away(claim, stop_when)
-                )
+                result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), requested, stop_when)
         finally:
             result.exits = processes.stop()
             result.nodes = processes.statuses(0.0)
-    if not claim.there:
-        return
     _settle(result, processes)
     result.error = result.error or "; ".join(_incomplete(result, processes, resolved))
 

@@ -5,123 +5,20 @@ the run from it. `run.json` is there from the moment that it ends or is stopped.
 of the same names.
 """
 
-import contextlib
-import fcntl
-import json
-import os
-import sys
 import time
-import weakref
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from vpsci_ros.documents import dump_yaml, parse_yaml, read_json, read_yaml, reason
-from vpsci_ros.errors import InvalidInput, VpsciError, in_words
+from vpsci_ros.documents import dump_yaml, parse_yaml, read_yaml, reason
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
 from vpsci_ros.runs.config import Sections
-from vpsci_ros.runs.files import (
-    CLAIMED,
-    FAILURE,
-    changed_files,
-    is_at,
-    is_empty_folder,
-    remove_parts,
-    require_claimed,
-    require_empty_folder,
-    sha256,
-    write_json,
-    write_text,
-)
-from vpsci_ros.runs.provenance import cpu_name, software_versions
+from vpsci_ros.runs.files import FAILURE, changed_files, require_empty_folder, sha256, write_text
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.record import RECORD, read_record, write_record
 from vpsci_ros.runs.stop_request import uninterrupted
-
-# ---- Whether a folder holds the same run: one check, with one error, for every command that goes on with a run.
-
-
-_LONGEST = 200  # characters of a value that an error message quotes
-_ADVICE = "choose another output folder, or delete it to start again"
-
-
-def require_same(
-    where: object,
-    found: Mapping[str, Any],
-    mine: Mapping[str, Any],
-    what: str = "holds a run",
-    advice: str = _ADVICE,
-) -> None:
-    """Refuse to go on with what another run left.
-
-    :param where: the file or folder that was found, the opening of the error message.
-    :param found: what that run was, as JSON values; names that `mine` lacks do not count.
-    :param mine: what this run is; anything that JSON can write.
-    :raises InvalidInput: they differ; the first difference is named.
-    """
-    found = {name: found.get(name) for name in mine}
-    for name, old, new in _differences(found, json.loads(json.dumps(mine)), ""):
-        raise InvalidInput(f"{where}: {what} with {name} = {_quoted(old)}, and this one has {_quoted(new)}; {advice}")
-
-
-def _differences(old: Any, new: Any, name: str) -> Iterator[tuple[str, Any, Any]]:
-    if isinstance(old, dict) and isinstance(new, dict):
-        for key in dict.fromkeys([*old, *new]):
-            yield from _differences(old.get(key), new.get(key), f"{name}.{key}" if name else key)
-    elif old != new:
-        yield name, old, new
-
-
-def _quoted(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-# ---- The record that every run leaves beside its results: how it ended, from what, by what, and what it came to.
-
-
-RECORD = "run.json"
-
-
-def write_record(
-    path: Path,
-    *,
-    begun: float,
-    error: str = "",
-    results: Mapping[str, Any],
-    inputs: Mapping[str, str],
-    outputs: Mapping[str, str] | None = None,
-    facts: Mapping[str, Any] | None = None,
-) -> None:
-    """Write a record as `path`.
-
-    :param begun: `time.monotonic()` at the beginning of the run.
-    :param error: why the run did not reach its end; empty: it did.
-    :param results: what the run came to, JSON values.
-    :param inputs, outputs: SHA-256 of the files that were read and written, by path or name.
-    :param facts: further JSON values.
-    """
-    torch = sys.modules.get("torch")  # a run that never needed it does not load it to say so
-    record = {
-        "error": error,
-        "wall_time_sec": round(time.monotonic() - begun, 3),
-        "results": dict(results),
-        "inputs_sha256": dict(inputs),
-        "outputs_sha256": dict(outputs or {}),
-        "software": software_versions(),
-        "cpu": cpu_name(),
-        "torch_threads": torch.get_num_threads() if torch else None,  # sums, and so last bits, depend on their number
-    }
-    write_json(path, record | dict(facts or {}))
-
-
-def read_record(path: Path) -> dict[str, Any] | None:
-    """Return a record; None where there is none, or none that can be read."""
-    try:
-        record = read_json(path)
-    except InvalidInput:
-        return None
-    return record if isinstance(record, dict) and {"error", "results", "inputs_sha256"} <= record.keys() else None
-
 
 PARAMETERS = "params.yaml"
 _GOES_ON = "checkpoint.safetensors"  # how the files end that a stopped run goes on from
@@ -205,96 +102,3 @@ def _values(path: Path) -> dict[str, dict[str, Any]]:
 
 def _flat(layout: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: flat(section["ros__parameters"]) for name, section in layout.items()}
-
-
-# ---- Output folders: nobody else's while they are written, and marked where a command left them unfinished.
-
-
-class Claim:
-    """A folder that is this process's from now on until `close`; the system ends the claim of a process that dies.
-
-    :param path: made if need be.
-    :raises InvalidInput: it is no folder, or another process has claimed it.
-    :raises VpsciError: it lies in an output folder that was deleted, moved or replaced.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        require_claimed(self.path)
-        self.made = not self.path.exists()
-        if not self.made and not self.path.is_dir():
-            require_empty_folder(self.path)  # says that it is no folder
-        self.path.mkdir(parents=True, exist_ok=True)
-        handle = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
-        status = os.fstat(handle)
-        self._identity = status.st_dev, status.st_ino
-        self._first = self._identity not in CLAIMED
-        self.close = weakref.finalize(self, _release, handle, self._identity if self._first else None)
-        """Give the folder up."""
-        if self._first:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                self.close()
-                raise InvalidInput(
-                    f"{self.path}: another process is writing into this folder; wait for it, or choose another one"
-                ) from None
-            except OSError:  # a file system without locks
-                pass
-            CLAIMED[self._identity] = self.path.absolute()
-
-    @property
-    def there(self) -> bool:
-        """Whether the path still names the folder that was claimed."""
-        return is_at(self._identity, self.path)
-
-    def require_there(self) -> None:
-        """Refuse to go on by a path that names something else by now.
-
-        :raises VpsciError: the folder was deleted, moved or replaced.
-        """
-        if not self.there:
-            raise VpsciError(f"{self.path}: this folder was deleted, moved or replaced while it was being written")
-
-
-def _release(handle: int, identity: tuple[int, int] | None) -> None:
-    if identity is not None:
-        CLAIMED.pop(identity, None)
-    os.close(handle)
-
-
-@contextlib.contextmanager
-def output_folder(path: Path) -> Iterator[Claim]:
-    """Claim the folder that a command writes, and mark what it leaves there where it fails.
-
-    The mark, `FAILURE` with the reason, is written where no record describes the failure, and removed when the same
-    command succeeds, with what an earlier one left half written when it was killed. A folder that stays empty is
-    removed again.
-
-    :raises InvalidInput: see `Claim`.
-    :raises VpsciError: the folder was taken away meanwhile.
-    """
-    begun, claim = time.monotonic(), Claim(path)
-    try:
-        empty = is_empty_folder(path)
-        yield claim
-        claim.require_there()
-        (path / FAILURE).unlink(missing_ok=True)
-        remove_parts(path)
-    except BaseException as error:
-        claim.require_there()
-        refused = isinstance(error, InvalidInput) and not empty
-        if not (refused or is_empty_folder(path)):
-            _mark(path, begun, in_words(error) or str(error) or "stopped on request")
-        raise
-    finally:
-        if claim.there and claim.made and not any(path.iterdir()):
-            path.rmdir()
-        claim.close()
-
-
-def _mark(folder: Path, begun: float, error: str) -> None:
-    record = read_record(folder / RECORD)
-    if record is None or not record["error"]:
-        with contextlib.suppress(OSError, VpsciError):
-            write_record(folder / FAILURE, begun=begun, error=error, results={}, inputs={})

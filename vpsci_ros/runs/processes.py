@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from vpsci_ros.runs.files import inherited_claims
 from vpsci_ros.runs.stop_request import REQUESTS
 
 STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # sent, and given so long [s]
@@ -67,12 +66,7 @@ class ChildProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env={
-                    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-                    "PYTHONUNBUFFERED": "1",
-                    **environment,
-                    **inherited_claims(),
-                },
+                env={"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1", **environment},
                 start_new_session=True,
                 pass_fds=tuple(inherited),
                 preexec_fn=_prepare_holding if holds_signals else _end_with_parent,  # noqa: PLW1509 - takes no lock
@@ -94,7 +88,7 @@ class ChildProcess:
 
     def said(self, what: str = "") -> str:
         """Return the last line of its log that has `what` in it, in whatever case; nothing if there is none."""
-        if not self.log.is_file():  # the folder was taken away
+        if not self.log.is_file():  # its folder was deleted or moved
             return ""
         lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return next((line.strip() for line in reversed(lines) if what in line.lower()), "")

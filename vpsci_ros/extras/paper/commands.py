@@ -241,7 +241,7 @@ def paper(
     it. Leaves paper.html, paper.json and figure_N.png.
     """
     from vpsci_ros.extras.paper.studies.paper import PAGE, write_paper
-    from vpsci_ros.runs.folder import output_folder
+    from vpsci_ros.runs.output_folder import output_folder
     from vpsci_ros.runs.progress import Bars
 
     with output_folder(output), Bars("reading", quiet=quiet) as bars:

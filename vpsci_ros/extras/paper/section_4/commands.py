@@ -47,7 +47,7 @@ def report(
         --set world_simulator.pedestrian_driver=autopilot
     """
     from vpsci_ros.extras.paper.section_4.page import PAGE, TABLE, VIEW, sources_of_report, write_report
-    from vpsci_ros.runs.folder import output_folder
+    from vpsci_ros.runs.output_folder import output_folder
     from vpsci_ros.runs.progress import Bars
     from vpsci_ros.view.page import write_view
     from vpsci_ros.view.sources import read_source

@@ -6,7 +6,7 @@ from typing import Any
 
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.runs.files import write_json
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 
 STATE = "study.json"
 

@@ -15,7 +15,7 @@ from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.report import html
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
-from vpsci_ros.runs.folder import require_same
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.view.page import SCENE, inlined

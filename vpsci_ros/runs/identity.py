@@ -1,0 +1,42 @@
+"""Whether a folder holds the same run: one check, with one error, for every command that resumes a run."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from vpsci_ros.errors import InvalidInput
+
+_LONGEST = 200  # characters of a value that an error message quotes
+_ADVICE = "choose another output folder, or delete it to start again"
+
+
+def require_same(
+    where: object,
+    found: Mapping[str, Any],
+    mine: Mapping[str, Any],
+    what: str = "holds a run",
+    advice: str = _ADVICE,
+) -> None:
+    """Refuse to go on with what another run left.
+
+    :param where: the file or folder that was found, the opening of the error message.
+    :param found: what that run was, as JSON values; names that `mine` lacks do not count.
+    :param mine: what this run is; anything that JSON can write.
+    :raises InvalidInput: they differ; the first difference is named.
+    """
+    found = {name: found.get(name) for name in mine}
+    for name, old, new in _differences(found, json.loads(json.dumps(mine)), ""):
+        raise InvalidInput(f"{where}: {what} with {name} = {_quoted(old)}, and this one has {_quoted(new)}; {advice}")
+
+
+def _differences(old: Any, new: Any, name: str) -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys([*old, *new]):
+            yield from _differences(old.get(key), new.get(key), f"{name}.{key}" if name else key)
+    elif old != new:
+        yield name, old, new
+
+
+def _quoted(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
