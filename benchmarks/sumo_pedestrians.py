@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros import Pedestrian
 from vpsci_ros.evaluation.statistics import quantile, resampled, resampled_difference, share
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import CONFLICT_TTC, VEHICLE_LENGTH, clearance, curvature_from_yaw_rate, curvttc
@@ -147,7 +147,7 @@ def main() -> None:
         print(f"median {name}, ours less SUMO's: {e.value:.2f} [{e.low:.2f}, {e.high:.2f}] s (n = {e.n})")
     if given.output:
         whole = {"software": software_versions(), "summary": found, "episodes": episodes}
-        with written_whole(given.output) as temporary:
+        with atomic_write(given.output) as temporary:
             temporary.write_text(json.dumps(whole, indent=1))
     if given.picture:
         picture(episodes, shown, given.picture)

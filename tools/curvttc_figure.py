@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, curvttc
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ def draw_curvttc(path: str | Path) -> None:
     _advancement(advance, TURN)
     for axes, edge in zip(bottom.subplots(1, len(EDGES)), EDGES, strict=True):
         _edge(axes, edge)
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=130, format="png", metadata={"Software": None})
 
 

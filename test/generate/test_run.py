@@ -22,7 +22,7 @@ from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.plan import FOLDER, RECORD, DatasetPlan
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
-from vpsci_ros.runs.files import sha256, written_whole
+from vpsci_ros.runs.files import atomic_write, sha256
 from vpsci_ros.runs.workers import Processes, Serial
 
 
@@ -183,9 +183,9 @@ def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, m
     def full(path: Path):
         if len(list(path.parent.glob("1-*.npz"))) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return written_whole(path)
+        return atomic_write(path)
 
-    monkeypatch.setattr("vpsci_ros.generate.simulate.written_whole", full)
+    monkeypatch.setattr("vpsci_ros.generate.simulate.atomic_write", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
         generate(job, TARGETS, tmp_path / "d", lambda: Serial(partial(computing, job, 64)), unit=UNIT)
     monkeypatch.undo()

@@ -6,13 +6,13 @@ import socket
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import require_empty_folder, sha256, write_text, written_whole
+from vpsci_ros.runs.files import atomic_write, require_empty_folder, sha256, write_text
 
 
 def test_a_failed_write_keeps_the_file_that_was_there(tmp_path) -> None:
     target = tmp_path / "x.txt"
     target.write_text("before")
-    with pytest.raises(RuntimeError), written_whole(target) as path:
+    with pytest.raises(RuntimeError), atomic_write(target) as path:
         path.write_text("half")
         raise RuntimeError
     assert target.read_text() == "before"
@@ -20,8 +20,8 @@ def test_a_failed_write_keeps_the_file_that_was_there(tmp_path) -> None:
 
 def test_of_two_writes_of_one_file_at_once_the_last_one_stays_whole_and_nothing_beside_it(tmp_path) -> None:
     target = tmp_path / "a[1].html"
-    with written_whole(target) as first:
-        with written_whole(target) as second:
+    with atomic_write(target) as first:
+        with atomic_write(target) as second:
             second.write_text("second")
         first.write_text("first")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {target.name: "first"}

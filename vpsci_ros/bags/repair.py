@@ -12,7 +12,7 @@ from vpsci_ros.bags.mcap_file import McapFile, latched
 from vpsci_ros.bags.reader import bag_files, lost_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.output_folder import FolderLock
 
 
@@ -94,7 +94,7 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
 def _rewrite(path: Path) -> None:
     """Write the whole messages of a file to a complete one, and put that in its place."""
     source = McapFile(path, strict=False)
-    with written_whole(path) as part, part.open("wb") as stream:
+    with atomic_write(path) as part, part.open("wb") as stream:
         writer = Writer(stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
         writer.start(profile="ros2", library=f"vpsci_ros {__version__}")
         schemas: dict[str, int] = {}

@@ -30,7 +30,7 @@ from vpsci_ros.data.episode_block import RECORD, EpisodeBlock, joined
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import require_empty_folder, write_json, write_text, written_whole
+from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json, write_text
 
 ROW_GROUP = 1 << 17
 
@@ -149,7 +149,7 @@ class DatasetWriter:
         write_parquet(index, self.folder / INDEX, INDEX_COLUMNS, **self._provenance)
         files[INDEX] = file_entry(self.folder / INDEX, index.height)
         for name, data in (beside or {}).items():
-            with written_whole(self.folder / name) as path:
+            with atomic_write(self.folder / name) as path:
                 path.write_bytes(data)
             files[name] = file_entry(self.folder / name, 0)
         description = description_of(self._provenance, self.filters, unfinished, records, files)

@@ -11,7 +11,7 @@ import numpy as np
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.documents import parse_json, require_regular
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.scenario import every_scenario, own_documents
 
 KEPT = "episodes.npz"  # of a run of an exam
@@ -25,7 +25,7 @@ def write_kept(path: Path, episodes: Sequence[Episode]) -> None:
     listed = [{"listed": each.listed, "period": each.period, "shape": each.ped_x.shape} for each in episodes]
     arrays = {name: np.concatenate([np.zeros(0), *(getattr(each, name).ravel() for each in episodes)])
               for name in (*_VEHICLE, *_PEOPLE)}  # fmt: skip
-    with written_whole(path) as part, open(part, "wb") as file:
+    with atomic_write(path) as part, open(part, "wb") as file:
         np.savez_compressed(file, text=np.array(json.dumps([own, listed])), **arrays)  # type: ignore[arg-type]
 
 

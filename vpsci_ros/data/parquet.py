@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from vpsci_ros.documents import parse_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 
 METADATA_KEY = b"vpsci_ros"
 
@@ -47,7 +47,7 @@ def write_parquet(table: pl.DataFrame, path: str | Path, columns: Mapping[str, C
     :raises InvalidInput: the folder of `path` does not exist.
     """
     schema = arrow_schema(columns, metadata)
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         arrow = table.select(list(columns)).to_arrow().cast(schema)
         single = [field.name for field in schema if pa.types.is_float32(field.type)]  # bytes of like weight together
         own = {"use_byte_stream_split": single, "use_dictionary": [n for n in schema.names if n not in single]}

@@ -22,7 +22,7 @@ from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
 from vpsci_ros.policy.onset_range import onsets_in, ranges
 from vpsci_ros.policy.policy_file import policy_from_bytes
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
@@ -90,7 +90,7 @@ def computing(job: Job, batch: int) -> Callable[[Unit], tuple[int, bytes]]:
         kept = int(block.kept.sum())
         if unit.file is None:
             return kept, block.to_bytes()
-        with written_whole(unit.file) as path, path.open("wb") as file:
+        with atomic_write(unit.file) as path, path.open("wb") as file:
             block.write(file)
         return kept, b""
 

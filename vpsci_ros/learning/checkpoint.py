@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 
 FORMAT = "vpsci-checkpoint 1"
 _ARRAY, _TENSOR = "__array__", "__tensor__"
@@ -24,7 +24,7 @@ def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
     """Write `tree`; a checkpoint of an earlier step stays until this one is complete."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     skeleton = _flatten(tree, "", arrays)
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         # save_file would write another file beside it first, which stays where the process is killed
         temporary.write_bytes(save(arrays, {"format": FORMAT, "tree": json.dumps(skeleton)}))
 

@@ -26,7 +26,7 @@ from vpsci_ros.learning.replay import Batch, draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import Weights, resolved, save_weights
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS
 
@@ -195,7 +195,7 @@ class _Run:
 def write_log(path: Path, rows: list[dict[str, float]]) -> None:
     """Write a CSV with a column for every name that occurs in `rows`, whole or not at all."""
     names = list(dict.fromkeys(name for row in rows for name in row))
-    with written_whole(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, names, restval="")
         writer.writeheader()
         writer.writerows(rows)

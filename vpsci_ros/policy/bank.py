@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.onset_range import LEVELS, QUANTITIES
 from vpsci_ros.policy.tensor_file import read_tensors, tensors_to_bytes
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
 
@@ -159,7 +159,7 @@ def bank_to_bytes(bank: Bank) -> bytes:
 
 def save_bank(path: str | Path, bank: Bank) -> None:
     """Write a bank's file, whole or not at all."""
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(bank_to_bytes(bank))
 
 

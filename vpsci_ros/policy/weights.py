@@ -22,7 +22,7 @@ from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.tensor_file import Tensors, digest_of, read_bytes, read_tensors, tensors_to_bytes
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.observation import AGENTS
 
 FORMAT = "vpsci-ma-sst-ddpg 1"
@@ -103,7 +103,7 @@ def save_weights(path: str | Path, weights: Weights) -> None:
     :raises InvalidInput: as `weights_to_bytes`, or the folder does not exist.
     """
     data = weights_to_bytes(weights)
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(data)
 
 

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 
 
 def blank_figure(width: float, height: float) -> Figure:
@@ -33,7 +33,7 @@ def save_png(figure: Figure, path: str | Path, dpi: int = 130) -> None:
 
     :raises InvalidInput: the folder of `path` does not exist.
     """
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         figure.savefig(part, format="png", dpi=dpi)
 
 

@@ -34,7 +34,7 @@ def changed_files(folder: Path, hashes: Mapping[str, str]) -> list[str]:
 
 
 @contextlib.contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.
 
     Content and name are on the disk when this returns, so a crash or a power cut leaves the old file or the new one.
@@ -60,7 +60,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
 
 def require_writable(path: Path) -> None:
-    """Refuse a path where `written_whole` could not write a file, or would put one in the place of something else.
+    """Refuse a path where `atomic_write` could not write a file, or would put one in the place of something else.
 
     :raises InvalidInput: the parent folder does not exist; the path names a folder, a pipe, a device or a socket, or
         leads to an open file of a process, as /dev/stdout does.
@@ -89,13 +89,13 @@ def _to_disk(path: Path) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write `text` as `path`, whole or not at all; errors as `written_whole`."""
-    with written_whole(path) as part:
+    """Write `text` as `path`, whole or not at all; errors as `atomic_write`."""
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def write_json(path: str | Path, values: Any) -> None:
-    """Write JSON values, numbers finite or not, as `path`, whole or not at all; errors as `written_whole`."""
+    """Write JSON values, numbers finite or not, as `path`, whole or not at all; errors as `atomic_write`."""
     write_text(path, json.dumps(values, indent=2) + "\n")
 
 

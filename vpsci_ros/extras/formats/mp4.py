@@ -14,7 +14,7 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.report.canvas import new_figure, show_all
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground, outlines
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 
 SIZE = 640  # [pixels] width and height
 _MARGIN = 4.0  # [m] around all that moves
@@ -65,7 +65,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
     """Write NAME.mp4 for each episode, one picture a frame in real time, and return their number."""
     count = 0
     for episode in episodes:
-        with written_whole(folder / f"{episode.label}.mp4") as part, av.open(str(part), "w", format="mp4") as film:
+        with atomic_write(folder / f"{episode.label}.mp4") as part, av.open(str(part), "w", format="mp4") as film:
             stream = film.add_stream("libx264", rate=Fraction(1.0 / episode.period).limit_denominator(1000))
             stream.width, stream.height, stream.pix_fmt = SIZE, SIZE, "yuv420p"
             stream.options = {"crf": "23", "preset": "veryfast"}

@@ -21,7 +21,7 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.movers import Mover, movers
 from vpsci_ros.extras.formats.run import Options
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.kinematics import WHEELBASE
 
@@ -35,7 +35,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
     """Write NAME_gt.mcap for each episode and return their number."""
     count = 0
     for episode in episodes:
-        with written_whole(folder / f"{episode.label}_gt.mcap") as path:
+        with atomic_write(folder / f"{episode.label}_gt.mcap") as path:
             _write_trace(episode, path)
         count += 1
     return count

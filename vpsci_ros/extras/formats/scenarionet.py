@@ -17,7 +17,7 @@ import numpy as np
 from vpsci_ros.data.episode import Episode, Floats
 from vpsci_ros.extras.formats.movers import Mover, movers, road_of, tenths
 from vpsci_ros.extras.formats.run import Options
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 
@@ -41,7 +41,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
 
 
 def _dump(content: dict[str, Any], path: Path) -> None:
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(pickle.dumps(content, _PROTOCOL))
 
 

@@ -31,7 +31,7 @@ from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import Weights, load_weights, resolved
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.observation import AGENTS
 
 SAMPLE_SIZES = tuple(TABLE_3)
@@ -168,7 +168,7 @@ def reward_weight_study(
 
 def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:
     table = pl.DataFrame(rows, infer_schema_length=None)
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         table.write_csv(part)
     return table
 

@@ -28,7 +28,7 @@ from vpsci_ros.extras.paper.studies.cross_validation import Refinement
 from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once
 from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import COLLISION, GOAL
 
 REFERENCE, COST, MEASURED = "ma_sst_ddpg", "cost.json", "measured.npz"
@@ -198,7 +198,7 @@ def _kept(path: Path, digest: str, make: Callable[[], Arrays]) -> Arrays:
             if str(kept["digest"]) == digest:
                 return dict(kept)
     arrays = make()
-    with written_whole(path) as temporary, open(temporary, "wb") as file:
+    with atomic_write(path) as temporary, open(temporary, "wb") as file:
         np.savez(file, **({"digest": np.array(digest)} | arrays))  # type: ignore[arg-type]
     return arrays
 
