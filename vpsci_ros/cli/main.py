@@ -1,5 +1,6 @@
 """The `vpsci` command. Each subcommand imports what it needs when it runs, so that `vpsci --help` is quick."""
 
+import math
 import os
 import signal
 import sys
@@ -51,6 +52,12 @@ def import_command(
         str | None,
         typer.Option("--name", metavar="SOURCE", help="Name of the source, by which --people chooses its reactions."),
     ] = None,
+    fastest: Annotated[
+        float | None,
+        typer.Option(
+            "--fastest", min=0.0, metavar="M/S", help="Leave out pedestrians with a higher median speed: bicycles."
+        ),
+    ] = None,
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
     check: Annotated[
         bool,
@@ -76,7 +83,7 @@ def import_command(
         print(f"written: {picture}")
         return
     with Bars(f"importing {', '.join(map(str, folders))}"):
-        result = import_folders(folders, formats)
+        result = import_folders(folders, formats, math.inf if fastest is None else fastest)
     require_near_misses(result)
     result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)

@@ -18,8 +18,11 @@
     length: 4.5                    # [m] of vehicles whose tracks do not say
     width: 1.8
     projection: EPSG:32632         # x and y are longitude and latitude: project them to these metres (extra `geo`)
+    fastest: 2.5                   # [m/s] pedestrians with a higher median speed are left out
+    source: my_corner              # name of the source
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -30,7 +33,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import Clip, Importer, require_columns
+from vpsci_ros.data.importers.tracks import Clip, Importer, require_columns, require_source
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import listed, read_yaml, reason, require_form, shown
@@ -58,6 +61,8 @@ _KEYS: dict[str, Any] = {
     "length": 4.5,
     "width": 1.8,
     "projection": "",
+    "fastest": math.inf,
+    "source": "",
 }
 
 
@@ -78,6 +83,7 @@ def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
         name = file.relative_to(folder).with_suffix("").as_posix()
         for part, table, blank in _clips(file, values, layout):
             clip = _without_jumps(_readable(f"{name}{part}", file, table, layout)).with_size(*size)
+            clip = clip.without_faster(float(values["fastest"]))
             yield replace(clip, left_out={**clip.left_out, BLANK: blank})
             seen.update(classes_in(table, layout))
     for key, wanted in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)):
@@ -262,7 +268,9 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
             raise InvalidInput(f"{path}: columns: expected both {one} and {other}, or none of them")
     if ("frame" in columns) == ("time" in columns):
         raise InvalidInput(f"{path}: columns: expected either frame or time")
-    for key in ("frame_rate", "time_unit", "metres", "length", "width"):
+    if values["source"] != "":
+        require_source(values["source"], f"{path}: source:")
+    for key in ("frame_rate", "time_unit", "metres", "length", "width", "fastest"):
         value = values[key]
         least = 0.0 if key == "frame_rate" and "time" in columns else 1e-9
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= least:
@@ -285,4 +293,10 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
     )
 
 
-DESCRIBED = Importer(described, length=4.5, width=1.8)
+def _source(folder: Path) -> str:
+    values = _values(folder / FILE)
+    _layout(values, folder / FILE)
+    return str(values["source"])
+
+
+DESCRIBED = Importer(described, length=4.5, width=1.8, source=_source)

@@ -4,6 +4,7 @@ What differs between most published recordings is names, units, axes and classes
 takes a table by it, compares frame rate, units and headings with the motion itself, and gives tracks at 0.1 s.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vpsci_ros.data.importers.tracks import (
     BACKWARDS,
@@ -31,13 +33,17 @@ from vpsci_ros.data.importers.tracks import (
 )
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.observation import STEP
 
 REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
 MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
 WALKING = 0.5  # [m/s] above it speeds show the frame rate and the units
 RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
 ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
-_STANDING = 0.3  # [m/s] below which a direction of motion is noise
+FASTEST_PEDESTRIAN, FASTEST_VEHICLE = 12.0, 60.0  # [m/s] faster is a jump: another road user has the track's id
+DRIVEN = 0.5  # [m] that a vehicle without a heading drives before its heading changes
+NO_HEADING = f"vehicles without a heading that drive less than {DRIVEN:g} m"  # a count of `Clip.left_out`
+_STANDING = 0.3  # [m/s] a vehicle that takes longer than that for `DRIVEN` has stood
 _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
 
@@ -96,28 +102,33 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     left_out: Counter[str] = Counter()
     assumed: list[str] = []
 
-    def pieces(tracks: pl.DataFrame, layout: Layout, path: Path) -> Iterator[Track]:
+    def pieces(tracks: pl.DataFrame, layout: Layout, path: Path, whose: str, fastest: float) -> Iterator[Track]:
         rate = _rate(layout)
         gap = longest_gap(tracks, rate, path)
+        tracks, jumps = _without_jumps(tracks, rate, fastest)
+        left_out[f"speeds of {whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
         left_out[GAPS] += spaces(tracks, rate).filter(pl.col("seconds") > gap).height
         if gap > MAX_GAP:
             assumed.append(
                 f"rows are {spacing(tracks, rate):.2g} s apart, between them motion is interpolated; "
                 f"tracks are cut at gaps of more than {gap:.2g} s"
             )
-        return resample(tracks, rate, "heading", gap)
+        return resample(tracks, rate, "heading", gap, fastest)
 
     for path, (table, layout) in parts.items():
         require_columns(table, layout.columns.values(), path)
         left_out.update(_other_classes(table, layout))
         if len(walkers := _canonical(table, layout, layout.pedestrians, path)):
-            pedestrians += [_pedestrian(track) for track in pieces(walkers, layout, path)]
+            walking = pieces(walkers, layout, path, "pedestrians", FASTEST_PEDESTRIAN)
+            pedestrians += [_pedestrian(track) for track in walking]
         if len(cars := _canonical(table, layout, layout.vehicles, path)):
             if "heading" in cars.columns:
                 _check_heading(cars, layout, path)
             forward, backwards = _forward(cars)
             left_out[BACKWARDS] += backwards
-            vehicles += [_vehicle(track) for track in pieces(forward, layout, path)]
+            driving = [_vehicle(track) for track in pieces(forward, layout, path, "vehicles", FASTEST_VEHICLE)]
+            left_out[NO_HEADING] += driving.count(None)
+            vehicles += [track for track in driving if track is not None]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
             without = len({track.number for track in vehicles if track.size is None})
@@ -286,6 +297,22 @@ def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
     return forward, cars.height - forward.height
 
 
+def _without_jumps(tracks: pl.DataFrame, rate: float, fastest: float) -> tuple[pl.DataFrame, int]:
+    """Return the rows without those of a higher speed than `fastest` [m/s], and how many these and the jumps are.
+
+    A jump is a step between two rows of a road user that takes a higher speed.
+    """
+    if "vx" in tracks.columns:
+        tracks, whole = tracks.filter((pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt() <= fastest), tracks.height
+    elif "speed" in tracks.columns:
+        tracks, whole = tracks.filter(pl.col("speed") <= fastest), tracks.height
+    else:
+        whole = tracks.height
+    way = (pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt()
+    jumps = steps(tracks, rate).filter(way > fastest * pl.col("seconds")).height
+    return tracks, whole - tracks.height + jumps
+
+
 def _velocity(own: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     return (own["vx"], own["vy"]) if "vx" in own else (slope(own["x"]), slope(own["y"]))
 
@@ -295,25 +322,51 @@ def _pedestrian(track: Track) -> Track:
     return Track(track.number, track.first, {"x": track.values["x"], "y": track.values["y"], "vx": vx, "vy": vy})
 
 
-def _vehicle(track: Track) -> Track:
+def _vehicle(track: Track) -> Track | None:
+    """Return the track of a vehicle; None: it has no heading, and does not drive far enough to show one."""
     own, size = track.values, None
-    if "speed" in own:
-        heading = own["heading"] if "heading" in own else _courses(*_velocity(own))
-        speed = np.maximum(own["speed"], 0.0)
-    else:
-        vx, vy = _velocity(own)
-        heading = own["heading"] if "heading" in own else _courses(vx, vy)
-        speed = np.maximum(vx * np.cos(heading) + vy * np.sin(heading), 0.0)
+    vx, vy = _velocity(own)
+    heading = own["heading"] if "heading" in own else _courses(own["x"], own["y"], vx, vy)
+    if heading is None:
+        return None
+    along = own["speed"] if "speed" in own else vx * np.cos(heading) + vy * np.sin(heading)
+    speed = np.maximum(along, 0.0)
     if "length" in own and own["length"][0] > 0.0 and own["width"][0] > 0.0:
         size = float(np.median(own["length"])), float(np.median(own["width"]))
     values = {"x": own["x"], "y": own["y"], "heading": heading, "speed": speed}
     return Track(track.number, track.first, values, size)
 
 
-def _courses(vx: Floats, vy: Floats) -> Floats:
-    """Return directions of motion, unwrapped; who stands keeps the last one, or has the first one that comes."""
-    moving = np.flatnonzero(np.hypot(vx, vy) > _STANDING)
-    if len(moving) == 0:
-        return np.zeros(len(vx))
-    last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
-    return np.unwrap(np.arctan2(vy, vx)[moving[last]])
+def _courses(x: Floats, y: Floats, vx: Floats, vy: Floats) -> Floats | None:
+    """Return directions of motion [rad], unwrapped, float64[T]; None: the vehicle drives less than `DRIVEN`.
+
+    Above `MOVING` the velocity says the direction, below it the last `DRIVEN` metres of the way. Until a vehicle has
+    driven so far it keeps its heading, since the velocity of a standing vehicle is noise. Before its first direction it
+    has this one.
+    """
+    anchors = _anchors(x, y)
+    if len(anchors) < 2:
+        return None
+    begins, ends = anchors[:-1], anchors[1:]
+    took = STEP * np.diff([*anchors, len(x) - 1])
+    brisk = took[np.searchsorted(ends, np.arange(len(x)), side="right")] < DRIVEN / _STANDING
+    direction = np.arctan2(vy, vx)
+    known = (np.hypot(vx, vy) > MOVING) & brisk
+    late = ~known[ends]
+    chord = np.arctan2(y[ends] - y[begins], x[ends] - x[begins])
+    direction[ends[late]] = chord[late]
+    known[ends] = True
+    at = np.flatnonzero(known)
+    last = np.maximum(np.searchsorted(at, np.arange(len(x)), side="right") - 1, 0)
+    return np.unwrap(direction[at[last]])
+
+
+def _anchors(x: Floats, y: Floats) -> NDArray[np.int64]:
+    """Return the first step, and each step that is at least `DRIVEN` [m] away from the place of the one before."""
+    found = [0]
+    ax, ay = x[0], y[0]
+    for step, (px, py) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
+        if math.hypot(px - ax, py - ay) >= DRIVEN:
+            found.append(step)
+            ax, ay = px, py
+    return np.array(found, np.int64)

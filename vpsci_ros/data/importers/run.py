@@ -1,5 +1,6 @@
 """The door of the importers: folders and format names in, one near-miss table and a summary out."""
 
+import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +14,7 @@ from rich.console import Console
 
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
-from vpsci_ros.data.importers.tracks import Clip, Importer, Track, slope
+from vpsci_ros.data.importers.tracks import FAST, Clip, Importer, Track, median_speed, require_source, slope
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, concat_near_misses
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
@@ -39,7 +40,7 @@ class SourceSummary:
     :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
     :ivar left_out: what of the recordings is not in `pairs`: what it is -> how often.
     :ivar assumed: what the recordings do not hold.
-    :ivar vehicles, pedestrians: unbroken tracks.
+    :ivar vehicles, pedestrians: unbroken tracks; `fast` of the pedestrians have a median speed above 2.5 m/s.
     """
 
     source: str
@@ -55,6 +56,14 @@ class SourceSummary:
     assumed: tuple[str, ...] = ()
     vehicles: int = 0
     pedestrians: int = 0
+    fast: int = 0
+
+    @property
+    def speeds(self) -> str:
+        """A line that says how many pedestrians are as fast as bicycles, and how to leave them out."""
+        share = f"{self.fast:,} of {self.pedestrians:,} pedestrians ({self.fast / max(self.pedestrians, 1):.1%})"
+        hint = f"; --fastest {FAST:g} leaves them out" if self.fast else ""
+        return f"{share} are faster than {FAST:g} m/s (median while they move){hint}"
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> Sourc
     left_out: Counter[str] = Counter()
     for part in parts:
         left_out.update(part.left_out)
-    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians")
+    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians", "fast")
     sums = {name: sum(getattr(part, name) for part in parts) for name in names}
     assumed = dict.fromkeys(text for part in parts for text in part.assumed)
     quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
@@ -109,8 +118,7 @@ def named(result: ImportResult, name: str) -> ImportResult:
 
     :raises InvalidInput: several sources, or a name that cannot be one.
     """
-    if not name or not name.replace("_", "").replace("-", "").isalnum():
-        raise InvalidInput(f"--name {name!r}: expected letters, digits, _ and -")
+    require_source(name, "--name")
     if len(result.summaries) != 1:
         sources = ", ".join(summary.source for summary in result.summaries)
         raise InvalidInput(f"--name {name}: expected one source, got {sources}; import them one by one")
@@ -146,6 +154,7 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
     console = console or Console()
     console.print(text_table(title, ("", *(source for source, _, _ in columns)), rows))
     for row in result.summaries:
+        console.print(f"{row.source}: {row.speeds}")
         for text, count in row.left_out.items():
             console.print(f"{row.source}: left out {count:,} {text}")
         for text in row.assumed:
@@ -186,20 +195,27 @@ LEAST_EXTENT = 1.0  # [m] of a clip: as far apart are the middles of a vehicle a
 
 
 def near_misses_of(
-    source: str, clips: Iterable[Clip], *, length: float, width: float, critical: float = CRITICAL_TTC
+    source: str,
+    clips: Iterable[Clip],
+    *,
+    length: float,
+    width: float,
+    critical: float = CRITICAL_TTC,
+    fastest: float = math.inf,
 ) -> ImportResult:
     """Return the near misses of a source, interactions numbered from 0 in order of clip, vehicle and pedestrian.
 
     :param length, width: of vehicles whose tracks do not say [m].
     :param critical: CurvTTC below which a pair is a near miss [s].
+    :param fastest: pedestrians whose median speed exceeds this are left out [m/s], see `Clip.without_faster`.
     :raises InvalidInput: no vehicle at all, no pedestrian, or two clips of one name; or see `clips`.
     """
     parts: list[pl.DataFrame] = []
-    pairs = vehicles = pedestrians = 0
+    pairs = vehicles = pedestrians = fast = 0
     left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
     names: set[str] = set()
-    for clip in clips:
+    for clip in (each.without_faster(fastest) for each in clips):
         if clip.name in names:
             raise InvalidInput(
                 f"{source}: two recordings are called {clip.name}; rename one, or give their folders one by one, which "
@@ -207,6 +223,7 @@ def near_misses_of(
             )
         names.add(clip.name)
         _require_metres(source, clip)
+        fast += sum(median_speed(track) > FAST for track in clip.pedestrians)
         vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
@@ -242,6 +259,7 @@ def near_misses_of(
         assumed=tuple(assumed),
         vehicles=vehicles,
         pedestrians=pedestrians,
+        fast=fast,
     )
     return ImportResult(table, (summary,))
 
@@ -316,20 +334,23 @@ BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "cqut-pvi": CQUT_PVI, "des
 IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
-def import_trajectories(folder: str | Path, format_name: str) -> ImportResult:
+def import_trajectories(folder: str | Path, format_name: str, fastest: float = math.inf) -> ImportResult:
     """Return the near misses of every clip of a folder, read as published.
 
-    :param format_name: of `IMPORTERS`; the table's `source`.
+    :param format_name: of `IMPORTERS`; the table's `source`, unless the folder itself names it.
+    :param fastest: median speed of a pedestrian above which it is left out [m/s].
     :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should.
     """
-    importer = IMPORTERS.find(format_name)
-    return near_misses_of(format_name, importer.read(Path(folder)), length=importer.length, width=importer.width)
+    importer, folder = IMPORTERS.find(format_name), Path(folder)
+    source, clips = importer.source(folder) or format_name, importer.read(folder)
+    return near_misses_of(source, clips, length=importer.length, width=importer.width, fastest=fastest)
 
 
-def import_folders(folders: Sequence[str | Path], formats: Sequence[str]) -> ImportResult:
+def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf) -> ImportResult:
     """Import several folders into one table, interactions numbered through.
 
     :param formats: one for each folder, or one for all.
+    :param fastest: median speed of a pedestrian above which it is left out [m/s].
     :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
     """
     if len(formats) == 1:
@@ -338,7 +359,7 @@ def import_folders(folders: Sequence[str | Path], formats: Sequence[str]) -> Imp
         raise InvalidInput(
             f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(formats)} formats"
         )
-    results = [import_trajectories(folder, form) for folder, form in zip(folders, formats, strict=True)]
+    results = [import_trajectories(folder, form, fastest) for folder, form in zip(folders, formats, strict=True)]
     return joined(told_apart([Path(folder) for folder in folders], results))
 
 

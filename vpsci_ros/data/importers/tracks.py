@@ -5,6 +5,7 @@ The built-in importers are listed in `run`; other distributions add theirs by en
 
 import codecs
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.documents import reason, require_regular
+from vpsci_ros.documents import reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
@@ -25,6 +26,8 @@ LONGEST_LINE = 2**16  # [bytes] of the first line, with the columns' names: a hu
 LARGEST = 2.0**53  # above it a float64 does not hold every whole number
 WHOLE = r"^([+-]?\d+)\.0*$"  # a whole number as pandas writes it where values are missing
 BACKWARDS = "frames of vehicles that drive backwards"  # a count of `Clip.left_out`
+FAST = 2.5  # [m/s] a pedestrian whose median speed exceeds it may ride a bicycle
+_WALKS = 0.5  # [m/s] above it a pedestrian moves
 _SLACK = 0.05  # by which times may differ from the rate
 _BRIDGED = 1.5  # spacings of rows; a track is cut where one row or more is missing
 _GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
@@ -70,6 +73,12 @@ class Clip:
         """Return the clip with this size [m] for vehicles whose tracks have none."""
         return replace(self, vehicles=[replace(each, size=each.size or (length, width)) for each in self.vehicles])
 
+    def without_faster(self, fastest: float) -> "Clip":
+        """Return the clip without pedestrians whose `median_speed` exceeds `fastest` [m/s]; `left_out` counts them."""
+        slow = [track for track in self.pedestrians if median_speed(track) <= fastest]
+        count = {f"pedestrians faster than {fastest:g} m/s": len(self.pedestrians) - len(slow)}
+        return replace(self, pedestrians=slow, left_out=Counter(self.left_out) + Counter(count))
+
 
 @dataclass(frozen=True)
 class Importer:
@@ -78,11 +87,28 @@ class Importer:
     :ivar read: folder of recordings -> its clips, in an order of its own that is always the same; raises
         `InvalidInput` where the folder or a file does not hold what it should.
     :ivar length, width: of a vehicle [m] whose track does not say.
+    :ivar source: folder of recordings -> the name that it gives its source, "" where it gives none.
     """
 
     read: Callable[[Path], Iterable[Clip]]
     length: float
     width: float
+    source: Callable[[Path], str] = lambda folder: ""
+
+
+def require_source(name: object, where: str) -> None:
+    """Refuse what cannot be the name of a source.
+
+    :param where: what gives the name, the opening of the error message.
+    """
+    if not isinstance(name, str) or not name.replace("_", "").replace("-", "").isalnum():
+        raise InvalidInput(f"{where} {shown(name)}: expected letters, digits, _ and -")
+
+
+def median_speed(pedestrian: Track) -> float:
+    """Return the median speed [m/s] of a pedestrian while it moves (above 0.5 m/s), 0 where it never moves."""
+    speed = np.hypot(pedestrian.values["vx"], pedestrian.values["vy"])
+    return float(np.median(speed[speed > _WALKS])) if (speed > _WALKS).any() else 0.0
 
 
 def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
@@ -161,7 +187,9 @@ def longest_gap(table: pl.DataFrame, frame_rate: float, path: Path) -> float:
     return max(MAX_GAP, _BRIDGED * apart)
 
 
-def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None, gap: float = MAX_GAP) -> Iterator[Track]:
+def resample(
+    table: pl.DataFrame, frame_rate: float, angle: str | None = None, gap: float = MAX_GAP, fastest: float = np.inf
+) -> Iterator[Track]:
     """Yield each id's unbroken pieces on the 0.1 s grid, frame 0 being time 0.
 
     Values between two frames are interpolated linearly, `angle` [rad] after unwrapping; nothing is extrapolated, and
@@ -169,6 +197,7 @@ def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None, g
 
     :param frame_rate: of the recording [1/s].
     :param gap: time between two rows [s] beyond which a track is cut, see `longest_gap`.
+    :param fastest: speed from one row to the next [m/s] beyond which a track is cut; needs columns x and y [m].
     """
     if table.is_empty():
         return
@@ -177,7 +206,10 @@ def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None, g
     order = np.argsort(begins[which], kind="stable")  # ids as they first appear, the rows of each together
     number, time = columns["id"][order], columns["frame"][order] / frame_rate
     raw = {name: columns[name][order] for name in table.columns[2:]}
-    cuts = np.flatnonzero((np.diff(number) != 0) | (np.diff(time) > gap)) + 1
+    ends = (np.diff(number) != 0) | (np.diff(time) > gap)
+    if np.isfinite(fastest):
+        ends |= np.hypot(np.diff(raw["x"]), np.diff(raw["y"])) > fastest * np.diff(time)
+    cuts = np.flatnonzero(ends) + 1
     for begin, end in itertools.pairwise([0, *cuts.tolist(), len(time)]):
         own = time[begin:end]
         first = int(np.ceil(own[0] / STEP - _GRID))
