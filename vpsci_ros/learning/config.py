@@ -121,7 +121,7 @@ class RewardsConfig:
     collision: float = constant(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal: float = constant(100.0, "C_goal of (26)", low=0.0, high=1e6)
     speed_scaling: float = parameter(
-        1.0, "factor on the speed reward in simulation; Table 8 has 100: docs/results.md", low=0.0, high=1e6
+        25.0, "factor on the speed reward in simulation; Table 8 has 100: docs/results.md", low=0.0, high=1e6
     )
     weights: list[float] = constant(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
@@ -147,14 +147,14 @@ class RefineConfig:
     )
     refresh_every: int = parameter(100, "updates between two refreshes of the policies", low=1, high=1_000_000)
     updates_per_episode: int = parameter(
-        2,
+        3,
         "updates for every episode that the policies took part in, of some seven histories each; Algorithm 1 has one, "
         "perhaps of 256 histories",
         low=1,
         high=64,
     )
     imitation: float = parameter(
-        0.3,
+        1.0,
         "weight of the squared error of the action at recorded steps, beside the policy gradient at simulated ones",
         unit="(m/s2)^-2",
         low=0.0,
