@@ -1,0 +1,138 @@
+"""What each part of stage 2 does: one change at a time, from one stage 1, by networks that learn in minutes.
+
+    python benchmarks/ablation.py [-o out/ablation] [--arms base updates_1 ...] [--seeds 2]
+
+Stage 1 has 600 iterations, stage 2 has 1,200 episodes of the paper's scenes. Networks are 64 wide with one layer, as in
+Table 9. A line for each arm and seed: collisions and both goals in the validation world, the mean of its last two
+measurements (some 140 critical episodes each, on which nothing was chosen), and the closed-loop ADE on held-out clips.
+`front.png` shows all arms. An arm that the output folder holds is not repeated. Some three minutes of a core
+for each arm and seed.
+"""
+
+import argparse
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import polars as pl
+from torch import Tensor
+
+from vpsci_ros.cli.options import read_sections
+from vpsci_ros.cli.stages import run_pretraining, stage_2_inputs
+from vpsci_ros.learning import maddpg
+from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.online import LOG, refine
+from vpsci_ros.policy.actor import InwardClamp
+from vpsci_ros.report.canvas import new_figure, save_png
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.provenance import software_versions
+
+PARAMS = Path(__file__).parents[1] / "params"
+STAGE_1 = ["learner.episodes=600", "learner.hidden=64", "learner.layers=1"]
+SEEDED = ("learner", "world_simulator", "vehicle_policy", "pedestrian_policy")
+EPISODES = 150  # of each scenario
+LAST = 2  # measurements in the validation world that are averaged
+
+
+class Arm(NamedTuple):
+    """One change to stage 2.
+
+    :ivar changed: returns the configuration of the learner with the change.
+    :ivar settings: parameters of other nodes, as `--set` takes them.
+    :ivar patch: the change where it is one of code, while the arm learns.
+    """
+
+    changed: Callable[[RefineConfig], RefineConfig] = lambda config: config
+    settings: tuple[str, ...] = ()
+    patch: Callable[[], AbstractContextManager[Any]] = nullcontext
+
+
+def _learner(**values: Any) -> Arm:
+    return Arm(lambda config: replace(config, **values))
+
+
+def _updates(**values: Any) -> Arm:
+    return Arm(lambda config: replace(config, updates=replace(config.updates, **values)))
+
+
+def _rewards(**values: Any) -> Arm:
+    return Arm(lambda config: replace(config, rewards=replace(config.rewards, **values)))
+
+
+def _plain_clamp() -> AbstractContextManager[Any]:
+    """Return a context in which outputs beyond the limit get no gradient."""
+
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+        (out,) = ctx.saved_tensors
+        return gradient * (out.abs() <= ctx.limit), None
+
+    return mock.patch.object(InwardClamp, "backward", staticmethod(backward))
+
+
+ARMS = {
+    "base": Arm(),
+    **{f"updates_{n}": _learner(updates_per_episode=n, refresh_every=50 * n) for n in (1, 2, 6)},
+    "one_critic": _updates(critics=1),
+    "no_target_noise": _updates(target_noise=0.0),
+    **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.1, 0.3, 3.0)},
+    **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 100.0)},
+    "lambda_1e-4": _rewards(weight_temperature=1e-4),
+    "noise_0.3": Arm(settings=("vehicle_policy.noise.start=0.06", "pedestrian_policy.noise.start=0.06")),
+    "undivided_by_value": Arm(patch=lambda: mock.patch.object(maddpg, "LEAST_VALUE", 1.0)),
+    "plain_clamp": Arm(patch=_plain_clamp),
+    "gradient_at_all_steps": Arm(lambda config: replace(config, imitation=None)),  # type: ignore[arg-type]
+}
+
+
+def learned(name: str, seed: int, stage_1: Path, folder: Path) -> pl.DataFrame:
+    """Return the log of an arm, of `folder` or learned into it."""
+    arm = ARMS[name]
+    if not (folder / "done").exists():
+        seeds = [f"{node}.seed={seed}" for node in SEEDED]
+        settings = [f"learner.weights={stage_1}", f"world_simulator.episodes={EPISODES}", *seeds, *arm.settings]
+        sections = read_sections(PARAMS / "stage2_online.yaml", settings)
+        _, config, simulation, weights, corpus, *_ = stage_2_inputs(sections)
+        with arm.patch():
+            refine(corpus, arm.changed(config), weights, simulation, learner_seed=seed, out_dir=folder)
+        (folder / "done").touch()
+    return pl.read_csv(folder / LOG)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out", "ablation"))
+    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
+    parser.add_argument("--seeds", nargs="+", type=int, default=[2])
+    given = parser.parse_args()
+    stage_1 = given.output / "stage1" / "pretrained.safetensors"
+    run_pretraining(read_sections(PARAMS / "stage1_pretrain.yaml", STAGE_1), stage_1.parent, quiet=True)
+    print(f"stage 1: {sha256(stage_1)[:12]}; {software_versions()}")
+    points = []
+    print(f"{'arm':>24} seed  collisions  goals  closed-loop ADE [m]  validation episodes")
+    for name in given.arms:
+        for seed in given.seeds:
+            log = learned(name, seed, stage_1, given.output / f"{name}_{seed}")
+            last = log.filter(pl.col("validation_collision_rate").is_not_null()).tail(LAST)
+            collisions, goals = (100.0 * last[f"validation_{rate}_rate"].mean() for rate in ("collision", "goal"))  # type: ignore[operator]
+            error, counted = last["held_out_closed_loop_ade"].mean(), last["validation_critical_episodes"].sum()
+            print(f"{name:>24} {seed:4d} {collisions:10.1f}% {goals:5.1f}% {error:20.2f} {counted:20.0f}", flush=True)
+            points.append((name, collisions, error))
+    save_front(points, given.output / "front.png")
+
+
+def save_front(points: list[tuple[str, Any, Any]], path: Path) -> None:
+    """Draw collisions [%] against the closed-loop ADE [m] of arms, to the lower left of which is better."""
+    figure, axes = new_figure(7.0, 5.0)
+    for name, collisions, error in points:
+        axes[0, 0].plot(collisions, error, "o", color="#b5432d" if name == "base" else "#2b5c8a")
+        axes[0, 0].annotate(name, (collisions, error), xytext=(4, 3), textcoords="offset points", fontsize=8)
+    axes[0, 0].set(xlabel="collisions in the validation world [%]", ylabel="closed-loop ADE on held-out clips [m]")
+    axes[0, 0].set(xlim=(0.0, None), ylim=(0.0, None))
+    save_png(figure, path)
+
+
+if __name__ == "__main__":
+    main()
