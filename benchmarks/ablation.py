@@ -34,6 +34,7 @@ PARAMS = Path(__file__).parents[1] / "params"
 STAGE_1 = ["learner.episodes=600", "learner.hidden=64", "learner.layers=1"]
 SEEDED = ("learner", "world_simulator", "vehicle_policy", "pedestrian_policy")
 EPISODES = 150  # of each scenario
+RATES = ("validation_collision_rate", "validation_goal_rate", "held_out_closed_loop_ade")
 LAST = 2  # measurements in the validation world that are averaged
 
 
@@ -116,14 +117,15 @@ def main() -> None:
         for seed in given.seeds:
             log = learned(name, seed, stage_1, given.output / f"{name}_{seed}")
             last = log.filter(pl.col("validation_collision_rate").is_not_null()).tail(LAST)
-            collisions, goals = (100.0 * last[f"validation_{rate}_rate"].mean() for rate in ("collision", "goal"))  # type: ignore[operator]
-            error, counted = last["held_out_closed_loop_ade"].mean(), last["validation_critical_episodes"].sum()
+            rates = last.select(RATES).to_numpy()
+            collisions, goals, error = rates.mean(axis=0) * (100.0, 100.0, 1.0)
+            counted = last["validation_critical_episodes"].sum()
             print(f"{name:>24} {seed:4d} {collisions:10.1f}% {goals:5.1f}% {error:20.2f} {counted:20.0f}", flush=True)
-            points.append((name, collisions, error))
+            points.append((name, float(collisions), float(error)))
     save_front(points, given.output / "front.png")
 
 
-def save_front(points: list[tuple[str, Any, Any]], path: Path) -> None:
+def save_front(points: list[tuple[str, float, float]], path: Path) -> None:
     """Draw collisions [%] against the closed-loop ADE [m] of arms, to the lower left of which is better."""
     figure, axes = new_figure(7.0, 5.0)
     for name, collisions, error in points:
