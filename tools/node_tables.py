@@ -60,8 +60,8 @@ NOTES = """
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores and write one log each.
 - **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while
-  they have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
-  `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
+  they have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle`
+  and `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
   (`docs/foxglove_layout.json`) show them.
 - **End.** The world ends after its episodes. The other nodes wait for the next world until Ctrl-C.
 - **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads

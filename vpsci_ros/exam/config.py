@@ -51,32 +51,30 @@ FAILURES = ("moving_collision", "collision", "conflict", "severe_conflict")
 
 @dataclass(frozen=True)
 class ExamConfig:
-    """The exam of a driving system: who is examined, against whom, and what counts."""
+    """The exam of a driving system: the system, the pedestrians and the criteria."""
 
     ads: str = parameter(
         "example_ads", "command that starts the ADS; example_ads: the package's own; external: you start it yourself"
     )
     ads_class: str = parameter(
-        "", "MODULE:CLASS: the ADS is this Python class instead, in a process of its own, without ROS"
+        "", "MODULE:CLASS: the ADS is this Python class instead, in its own process, without ROS"
     )
     pedestrians: list[str] = parameter(
         [name for name in DRIVERS if name != "recorded"],
-        f"pedestrians to meet: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
+        f"pedestrians of the exam: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
     )
     recorded: str = parameter(
-        "", "recorded people to meet as well: right_turns, a Parquet file, or a part (right_turns/dev)"
+        "", "also test against this recorded motion: right_turns, a Parquet file, or a part (right_turns/dev)"
     )
     perception: bool = parameter(
         False,
         "pedestrians are published to the ADS on /perception/objects alone, with the errors that the section "
         "perception gives, and not on /pedestrian/odometry",
     )
-    baseline: bool = parameter(True, "put the rule-based autopilot to the same exam, for comparison")
-    fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
-    failure: str = parameter("moving_collision", "what counts as a failure of an episode", choices=FAILURES)
-    bags: bool = parameter(
-        False, "a system that drives without ROS leaves bags, too, and drives one episode after the other"
-    )
+    baseline: bool = parameter(True, "run the same exam with the rule-based autopilot, for comparison")
+    fail_if: list[str] = parameter([], "criteria, as for --fail-if, which adds further ones")
+    failure: str = parameter("moving_collision", "event that makes an episode a failure", choices=FAILURES)
+    bags: bool = parameter(False, "write bags also of a system without ROS, which then drives one episode at a time")
 
     def __post_init__(self) -> None:
         if not self.ads.strip():

@@ -29,7 +29,7 @@ class DatasetConfig:
     """Content of a dataset."""
 
     kept: int = parameter(
-        0, "kept episodes wanted in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
+        0, "kept episodes to generate in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
     )
     formats: list[str] = parameter(["parquet"], "files to write for each scenario", choices=("parquet", "csv"))
     keep_rejected: bool = parameter(False, "write rejected episodes to the folder rejected/")

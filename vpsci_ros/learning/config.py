@@ -16,7 +16,7 @@ from vpsci_ros.world.observation import AGENTS
 
 @dataclass(frozen=True)
 class LearnerConfig:
-    """What the learner does, from what, and where it writes."""
+    """The learner: its stage, data, start and output folder."""
 
     stage: str = parameter("pretrain", "stage 1 or stage 2", choices=("pretrain", "refine"))
     near_misses: list[str] = parameter(
@@ -25,7 +25,7 @@ class LearnerConfig:
     output: str = parameter("out/learner", "folder for weights, log and checkpoints")
     seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)
     weights: str = parameter(
-        "", "where stage 2 starts: a safetensors file, or the name of weights shipped with the package"
+        "", "weights from which stage 2 starts: a safetensors file, or the name of shipped weights"
     )
 
     def __post_init__(self) -> None:
@@ -84,25 +84,29 @@ class SpeedRewardsConfig:
         high=10.0,
     )
     exploration: float = parameter(
-        0.5, "standard deviation of the actions scored around the actor's; ours", unit="m/s2", low=0.0, high=5.0
+        0.5,
+        "standard deviation of the scored actions around the actor's; not in the paper",
+        unit="m/s2",
+        low=0.0,
+        high=5.0,
     )
 
 
 @dataclass(frozen=True)
 class PretrainConfig:
-    """Stage 1: learning from real near misses."""
+    """Stage 1: training on recorded near misses."""
 
     objective: str = parameter(
-        "ddpg", "what the actors follow: ddpg, Algorithm 1's policy gradient; or an added one (docs/extending.md)"
+        "ddpg", "objective of the actors: ddpg, Algorithm 1's policy gradient; or an added one (docs/extending.md)"
     )
     episodes: int = parameter(3000, "training iterations, one mini-batch each", low=1, high=10_000_000)
     held_out_fraction: float = parameter(
-        0.2, "share of near misses, by whole clips, kept out of training", low=0.0, high=0.9
+        0.2, "share of near misses, in whole clips, that is held out of training", low=0.0, high=0.9
     )
     held_out_clips: list[str] = parameter(
         [],
-        "clips kept out of training instead of the share, as source/clip or how that begins, e.g. cqut-pvi/dev/; a "
-        "name with which no clip begins is refused",
+        "clips held out of training instead of the share, as source/clip or a prefix of it, such as cqut-pvi/dev/; a "
+        "prefix without a clip is refused",
     )
     evaluate_every: int = constant(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = constant(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
@@ -137,10 +141,10 @@ class RewardsConfig:
 
 @dataclass(frozen=True)
 class RefineConfig:
-    """Stage 2: learning on in simulation (section 3.2)."""
+    """Stage 2: training in simulation (section 3.2)."""
 
     objective: str = parameter(
-        "ddpg", "what the actors follow: ddpg, Algorithm 1's policy gradient; or an added one (docs/extending.md)"
+        "ddpg", "objective of the actors: ddpg, Algorithm 1's policy gradient; or an added one (docs/extending.md)"
     )
     held_out_fraction: float = constant(
         0.2, "share of near misses, by whole clips, for the held-out error; take that of stage 1", low=0.0, high=0.9
@@ -148,14 +152,14 @@ class RefineConfig:
     refresh_every: int = parameter(100, "updates between two refreshes of the policies", low=1, high=1_000_000)
     updates_per_episode: int = parameter(
         3,
-        "updates for every episode that the policies took part in, of some seven histories each; Algorithm 1 has one, "
-        "perhaps of 256 histories",
+        "updates for every episode in which the policies acted, with about seven histories each; Algorithm 1 has one, "
+        "perhaps with 256 histories",
         low=1,
         high=64,
     )
     imitation: float = parameter(
         1.0,
-        "weight of the squared error of the action at recorded steps, beside the policy gradient at simulated ones",
+        "weight of the squared action error at recorded steps, relative to the policy gradient at simulated steps",
         unit="(m/s2)^-2",
         low=0.0,
         high=100.0,

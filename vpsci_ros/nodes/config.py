@@ -27,12 +27,12 @@ EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `vpsci node`
 
 @dataclass(frozen=True)
 class GraphConfig:
-    """A run as a whole: which nodes it has."""
+    """A run of several nodes."""
 
     nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes that make up the graph", choices=NODES)
     progress_timeout: float = parameter(
         60.0,
-        "without progress for so long, the run is stopped with an error; starting and waiting for a core do not count",
+        "time without progress after which the run stops with an error; starting and waiting for a core do not count",
         unit="s",
         low=1.0,
         high=86400.0,
@@ -40,7 +40,7 @@ class GraphConfig:
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
     composed: bool = parameter(
         False,
-        "all nodes in one process, for few cores; if one fails, all do",
+        "all nodes in one process, for few cores; if one node fails, all stop",
     )
 
     def __post_init__(self) -> None:
@@ -51,28 +51,28 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """The bag: where it goes and what it holds."""
+    """The bag and its files."""
 
     bag: str = parameter("out/bag", "folder of the bag; must not exist or be empty")
     chunk_size: int = parameter(
         CHUNK_SIZE // 1024, "messages are compressed and written in chunks of this size", unit="KiB", low=1, high=65536
     )
     split_size: int = parameter(
-        2**30, "begin another file when one has this size; 0: one file, however large", unit="B", low=0, high=10**12
+        2**30, "begin a new file at this size; 0: one file of any size", unit="B", low=0, high=10**12
     )
 
 
 @dataclass(frozen=True)
 class ReplayerConfig:
-    """What the replayer publishes: which bag, from which episode on, how fast, and which topics."""
+    """The bag, the first episode, the rate and the topics that the replayer publishes."""
 
     bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder (MCAP), or one of its files")
     rate: float = parameter(
-        1.0, "recorded over wall time; 0: as fast as the readers take it", low=0.0, high=1000.0, read_only=False
+        1.0, "recorded over wall time; 0: as fast as subscribers read", low=0.0, high=1000.0, read_only=False
     )
-    first_episode: str = parameter("", "begin with this one, its number or SCENARIO:NUMBER; empty: at the beginning")
-    topics: list[str] = parameter([], "publish these only; empty: all that the bag holds")
-    paused: bool = parameter(False, "begin paused, to be stepped or resumed by the services")
+    first_episode: str = parameter("", "episode to begin with, NUMBER or SCENARIO:NUMBER; empty: the first one")
+    topics: list[str] = parameter([], "topics to publish; empty: all topics of the bag")
+    paused: bool = parameter(False, "begin paused; the services step or resume it")
 
 
 SECTIONS: dict[str, tuple[type, ...]] = {

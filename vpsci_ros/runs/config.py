@@ -10,14 +10,14 @@ from vpsci_ros.parameters import parameter, pick
 
 @dataclass(frozen=True)
 class PeerConfig:
-    """What every node has: the peers it waits for before it publishes."""
+    """For every node: the peers that it waits for before it publishes."""
 
-    peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
+    peers: list[str] = parameter([], "nodes of this graph; empty: only those that this node needs")
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Which episodes a run simulates, how many at once, and how fast."""
+    """The episodes that a run simulates, and how many in parallel."""
 
     seed: int = parameter(1, "seed of every random draw of the run", low=0, high=2**63 - 1)
     scenarios: list[int] = parameter(
@@ -36,7 +36,7 @@ class RunConfig:
         low=0,
         high=2**32 - 1,
     )
-    batch: int = parameter(16, "episodes simulated in parallel, one message for all", low=1, high=65536)
+    batch: int = parameter(16, "episodes simulated in parallel; one message has all of them", low=1, high=65536)
 
     def __post_init__(self) -> None:
         if not self.scenarios or len(set(self.scenarios)) < len(self.scenarios):
