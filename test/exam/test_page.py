@@ -64,7 +64,7 @@ def test_the_first_paragraph_says_how_many_critical_episodes_begin_beyond_the_ra
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "mark=beyond_range" in text
     words = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", text))
-    assert "3 of 12 critical episodes with the learned pedestrian (25%) begin beyond the range" in words
+    assert "3 of 12 critical episodes with the default pedestrian (25%) begin beyond the range" in words
 
 
 def test_the_page_may_run_no_script_and_send_nothing(page):

@@ -269,7 +269,7 @@ def print_report(report: Mapping[str, Any], page: Path) -> None:
         console.print(f"against {report['against']['folder']}, {title_of(name)}: {counts}", markup=False)
     if found := report["range"]:
         console.print(
-            f"{found['beyond']} of {found['of']} critical episodes with the learned pedestrian begin beyond the range "
+            f"{found['beyond']} of {found['of']} critical episodes with the default pedestrian begin beyond the range "
             "of its recorded reactions",
             markup=False,
             highlight=False,
