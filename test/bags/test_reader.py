@@ -14,11 +14,12 @@ from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.info import bag_info
-from vpsci_ros.bags.mcap_file import KEEP_ALL, McapFile
+from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.bags.topic_info import KEEP_ALL
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import GOAL

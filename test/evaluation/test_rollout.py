@@ -1,6 +1,7 @@
 import torch
 
-from vpsci_ros.evaluation.scene import Scene, Seen, roll_out
+from vpsci_ros.evaluation.roll_out import Seen, roll_out
+from vpsci_ros.evaluation.scene import Scene
 from vpsci_ros.world.observation import AGENTS
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.figures import typical_episodes
+from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
 from vpsci_ros.report import trajectories as figures
 from vpsci_ros.report.trajectories import BLUES, save_trajectories
 from vpsci_ros.world import load_scenarios

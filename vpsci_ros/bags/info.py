@@ -12,10 +12,10 @@ from rich.markup import escape as without_markup
 from rich.table import Table
 
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, bag_episodes
-from vpsci_ros.bags.mcap_file import TopicInfo, extent
 from vpsci_ros.bags.odometry import ODOMETRY
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
+from vpsci_ros.bags.topic_info import TopicInfo, extent
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import Decoder

@@ -21,7 +21,12 @@ from vpsci_ros.wire.layout import TYPES, motion
 from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.state import ENDED, EPISODE, RUNNING
 
-# ---- One tick of a recorded world.
+ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
+GAP = 0.5  # [s] without a message
+JUMP = 2.0  # [m] further than the speed explains
+APART = 0.1  # [s] between two messages that are taken together
+SLOW = 0.1  # [m/s] below which a yaw rate says nothing of a path's curvature
+Floats = NDArray[np.float64]
 
 
 class RecordedTick(NamedTuple):
@@ -33,14 +38,6 @@ class RecordedTick(NamedTuple):
     curvttc: NDArray[np.float64]  # [B] [s]
     distance: NDArray[np.float64]  # [B] [m]
     time: int = 0  # [ns] log time in the bag
-
-
-ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
-GAP = 0.5  # [s] without a message
-JUMP = 2.0  # [m] further than the speed explains
-APART = 0.1  # [s] between two messages that are taken together
-SLOW = 0.1  # [m/s] below which a yaw rate says nothing of a path's curvature
-Floats = NDArray[np.float64]
 
 
 def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:

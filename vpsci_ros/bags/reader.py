@@ -8,7 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.bags.mcap_file import McapFile, TopicInfo, by_name, extent
+from vpsci_ros.bags.mcap_file import McapFile
+from vpsci_ros.bags.topic_info import TopicInfo, by_name, extent
 from vpsci_ros.documents import read_yaml, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage

@@ -8,30 +8,24 @@ from typing import Any
 import polars as pl
 from rich.console import Console
 
+from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.interactions import table_hash
-from vpsci_ros.data.near_misses import corpus_files, load_corpus, read_near_misses, split_by_name
+from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.errors import evaluate, print_errors
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
+from vpsci_ros.evaluation.error_table import print_errors
+from vpsci_ros.evaluation.errors import evaluate
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.parameters import settings_of
-from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.policy_file import SHIPPED, load_policy, named_policies
-from vpsci_ros.policy.simulation import SimulationConfig, simulation_of
-from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.report.learning import save_learning
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig, Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import Bars, StageBar
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
-
-Stage1Inputs = tuple[LearnerConfig, PretrainConfig, NetworkConfig, pl.DataFrame, Sections]
-Stage2Inputs = tuple[LearnerConfig, RefineConfig, SimulationConfig, Weights, pl.DataFrame, list[str | Path], Sections]
 
 
 def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
@@ -137,61 +131,3 @@ def _near_misses(data: Path, form: str) -> pl.DataFrame:
     if form == "near-misses":
         return read_near_misses(data)
     return import_trajectories(data, form).table
-
-
-# ---- what a command that learns takes from the sections of a parameter file
-
-
-def stage_1_inputs(sections: Sections) -> Stage1Inputs:
-    """Return what stage 1 learns from: parameters, near misses, and all parameters as the run's folder keeps them.
-
-    :raises InvalidInput: a parameter or the near misses are refused, or the section is of stage 2.
-    """
-    learner = _learner(sections, "pretrain")
-    config, network = sections.get(PretrainConfig, "learner"), sections.get(NetworkConfig, "learner")
-    resolved = Sections({"learner": _without_output(learner, config, network)})
-    corpus = load_corpus(learner.near_misses)
-    split_by_name(corpus, config.held_out_clips)  # refuses names before a folder is begun
-    return learner, config, network, corpus, resolved
-
-
-def stage_2_inputs(sections: Sections) -> Stage2Inputs:
-    """Return what stage 2 learns from: parameters, weights and near misses, the files of both, and all parameters.
-
-    :raises InvalidInput: a parameter, the weights or the near misses are refused, or the section is of stage 1.
-    """
-    learner, config, simulation = stage_2_parameters(sections)
-    start = learner.start()
-    resolved = {
-        "learner": _without_output(learner, config),
-        "world_simulator": settings_of(sections.get(RunConfig, "world_simulator"), simulation.world),
-    } | {f"{agent}_policy": settings_of(policy) for agent, policy in simulation.policies.items()}
-    files: list[str | Path] = [*corpus_files(learner.near_misses), start]
-    corpus = load_corpus(learner.near_misses)
-    return learner, config, simulation, load_weights(start), corpus, files, Sections(resolved)
-
-
-def stage_2_parameters(sections: Sections) -> tuple[LearnerConfig, RefineConfig, SimulationConfig]:
-    """Return the parameters of stage 2 alone, for a study that has weights and near misses of its own.
-
-    :raises InvalidInput: a parameter is refused, or the section is of stage 1.
-    """
-    learner, config, simulation = (
-        _learner(sections, "refine"),
-        sections.get(RefineConfig, "learner"),
-        simulation_of(sections),
-    )
-    require_learnable(simulation.world)
-    return learner, config, simulation
-
-
-def _learner(sections: Sections, stage: str) -> LearnerConfig:
-    learner = sections.get(LearnerConfig, "learner")
-    if learner.stage != stage:
-        raise InvalidInput(f"learner.stage = {learner.stage}: expected {stage}; give the parameter file of that stage")
-    return learner
-
-
-def _without_output(*configs: object) -> dict[str, object]:
-    """Return the values of the learner's section without the output folder, no part of a run's identity."""
-    return {name: value for name, value in settings_of(*configs).items() if name != "output"}

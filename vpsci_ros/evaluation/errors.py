@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from rich.console import Console
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.onsets import energy_score, find_onsets
-from vpsci_ros.evaluation.onsets import errors as roll_out_errors
+from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.predictors import TRACKED_STEPS, Predictor, RepeatVelocity, predictor_of
 from vpsci_ros.evaluation.protocols import (
     Measured,
@@ -21,12 +19,13 @@ from vpsci_ros.evaluation.protocols import (
     eligible,
     measure,
 )
+from vpsci_ros.evaluation.roll_out_scores import energy_score
+from vpsci_ros.evaluation.roll_out_scores import errors as roll_out_errors
 from vpsci_ros.evaluation.simulators import policy, rolled_out
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
-from vpsci_ros.runs.progress import text_table
 
 CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
 
@@ -152,38 +151,3 @@ def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.
 def _share(errors: ProtocolErrors, reference: ProtocolErrors, draws: NDArray[np.float64]) -> Share:
     ade, theirs = errors.ade.mean(axis=1), reference.ade.mean(axis=1)
     return float(ade.mean() / theirs.mean()), list(interval((draws @ ade) / (draws @ theirs)))
-
-
-# ---- Table 9's columns as text.
-
-
-def print_errors(result: dict[str, Any], console: Console) -> None:
-    """Print what `errors.evaluate` or `cross_validation.cross_validate` returned, in 80 columns."""
-    title = f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
-    heads = ["", "recon-\nstruction\nADE", "\n\nFDE", "closed\nloop\nADE", "\n\nFDE", "\nits share of\nthe control's"]
-    rows = []
-    for name, errors in result["models"].items():
-        loop = errors["closed_loop"]
-        cells = [f"{of[key]:.3f}" for of in (errors["reconstruction"], loop) for key in ("ade", "fde")]
-        rows.append((name, *cells, share_text(loop["ade_ratio"], loop["ade_ratio_interval"])))
-    console.print(text_table(title, heads, rows))
-    console.print(
-        "The control is repeat_velocity. constant_velocity_tracked starts its closed loop from the vehicle's velocity "
-        "by its last positions, as the policies do; the other controls from the recorded one. Intervals: 95%, clips "
-        "resampled.",
-        highlight=False,
-    )
-    if fixed := result.get("fixed_3s"):
-        title = f"3 s from the onset of {fixed['interactions']} interactions of {fixed['clips']} clips"
-        heads = ["", "roll-\nouts", "\nADE [m]", "energy\nscore [m]", "its share of tracked\nconstant velocity's"]
-        rows = []
-        for name, own in ((name, of["fixed_3s"]) for name, of in result["models"].items() if "fixed_3s" in of):
-            share = share_text(own["of_constant_velocity"], own["of_constant_velocity_interval"])
-            rows.append((name, f"{own['roll_outs']}", f"{own['ade']:.3f}", f"{own['energy_score']:.3f}", share))
-        console.print(text_table(title, heads, rows))
-
-
-def share_text(value: float, interval: list[float]) -> str:
-    """Return a share with its interval as one cell."""
-    digits = 2 if value < 10.0 else 1
-    return f"{value:.{digits}f} ({interval[0]:.{digits}f}-{interval[1]:.{digits}f})"

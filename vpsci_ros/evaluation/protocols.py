@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import Predictor
-from vpsci_ros.evaluation.scene import Seen, roll_out, scene_at
+from vpsci_ros.evaluation.roll_out import Seen, roll_out
+from vpsci_ros.evaluation.scene import scene_at
 from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame
 
 OBSERVED = 10  # steps observed before the first predicted one, at most

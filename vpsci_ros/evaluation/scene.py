@@ -6,7 +6,6 @@ simulated Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and it does not
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from torch import Tensor
 
 from vpsci_ros.safety import curvttc
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
-from vpsci_ros.world.observation import AGENTS, STEP
+from vpsci_ros.world.observation import STEP
 
 SHARPEST_TURN = math.tan(MAX_STEERING_ANGLE) / WHEELBASE  # [1/m]
 _TO_THE_RIGHT = torch.tensor([1.0, -1.0])  # of a vector whose components are exchanged: it is turned by 90 degrees
@@ -138,41 +137,3 @@ def from_heading_frame(vector: Tensor, heading: Tensor) -> Tensor:
     """Return the (east, north) components [..., 2] of (forward, left) vectors [..., 2] for headings [...] [rad]."""
     c, s = torch.cos(heading)[..., None], torch.sin(heading)[..., None]
     return c * vector - s * (vector.flip(-1) * _TO_THE_RIGHT)
-
-
-# ---- The roll-out: policies observe, act and move on through known kinematics, for training and for evaluation
-# alike.
-#
-# Its three parts are independent: where it starts, who acts (anything that answers `Seen`), and how many of the
-# scenes still move at each step.
-
-
-Actions = dict[str, Tensor]
-"""Agent -> accelerations [B, 2] [m/s2], in the vehicle's heading frame."""
-
-
-class Seen(NamedTuple):
-    """What both agents know at a step of a roll-out of B scenes."""
-
-    step: int
-    scene: Scene
-    observation: dict[str, Tensor]  # agent -> [B, 6], (6) and (7)
-    curvttc: Tensor  # float64[B] [s]
-
-
-def roll_out(start: Scene, act: Callable[[Seen], Actions], moving: Sequence[int]) -> Iterator[Scene]:
-    """Yield the scenes after each step of 0.1 s; where a number is not finite, one of NaN, and no more.
-
-    :param start: B scenes.
-    :param act: returns both agents' accelerations.
-    :param moving: for each step, how many of the scenes take it: the first so many, fewer and fewer.
-    """
-    scene = start
-    for step, count in enumerate(moving):
-        scene = Scene(*(part[:count] for part in scene))
-        seen = Seen(step, scene, dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene))
-        scene = advance(scene, act(seen))
-        if not scene.finite:
-            yield Scene(*(part * torch.nan for part in scene))
-            return
-        yield scene

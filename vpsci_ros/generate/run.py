@@ -23,9 +23,10 @@ from vpsci_ros.generate.plan import RECORD, DatasetPlan, Journal, ScenarioPlan, 
 from vpsci_ros.generate.simulate import computing
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
-from vpsci_ros.runs.progress import LINE_EVERY, Bars, short_name
+from vpsci_ros.runs.progress import LINE_EVERY, Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
+from vpsci_ros.runs.text_table import short_name
 from vpsci_ros.runs.workers import Workers, computed, local_workers
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario

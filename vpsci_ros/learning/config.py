@@ -40,9 +40,6 @@ class LearnerConfig:
         return weights_path(self.weights, made_by="vpsci pretrain")
 
 
-# ---- both stages (Table 8)
-
-
 @dataclass(frozen=True)
 class ReplayConfig:
     """What is drawn from the replay buffer."""
@@ -65,9 +62,6 @@ class UpdatesConfig:
     target_noise: float = constant(
         0.0, "standard deviation of the noise on target actions, cut off at twice that", unit="m/s2", low=0.0, high=5.0
     )
-
-
-# ---- stage 1
 
 
 @dataclass(frozen=True)
@@ -113,9 +107,6 @@ class PretrainConfig:
     replay: ReplayConfig = ReplayConfig()
     updates: UpdatesConfig = UpdatesConfig()
     rewards: SpeedRewardsConfig = SpeedRewardsConfig()
-
-
-# ---- stage 2
 
 
 @dataclass(frozen=True)

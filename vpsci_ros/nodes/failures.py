@@ -36,9 +36,6 @@ class RecordedCounts:
     held: Mapping[str, int] = field(default_factory=dict)
 
 
-# ---- while it runs
-
-
 def ended(node: str, process: ChildProcess) -> str:
     """Say how a node's process ended, with the last error in its log."""
     said = process.said("error")
@@ -135,9 +132,6 @@ def second_publishers(statuses: Mapping[str, NodeStatus]) -> list[str]:
     """Return who published beside the graph's nodes where none may, as "/NODE on /TOPIC"."""
     second = {each for status in statuses.values() for each in status.second_publishers}
     return sorted(each for each in second if each.partition(" on ")[2] not in OPEN_TO_ALL)
-
-
-# ---- at its end
 
 
 def incomplete(

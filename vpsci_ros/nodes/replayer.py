@@ -13,8 +13,8 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
-from vpsci_ros.bags.mcap_file import TopicInfo
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import ReplayerConfig

@@ -7,7 +7,7 @@ from rich.console import Console
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_block import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
-from vpsci_ros.runs.progress import quartiles_text, short_name, text_table
+from vpsci_ros.runs.text_table import quartiles_text, short_name, text_table
 
 
 def print_rejections(folder: str | Path, console: Console) -> None:

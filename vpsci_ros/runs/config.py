@@ -1,4 +1,4 @@
-"""Parameters of a run in simulation: which episodes, how many at once, and which peers its nodes wait for."""
+"""Configuration of a run: the sections of a parameter file, and those parameters that many nodes share."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -6,6 +6,8 @@ from typing import Any, TypeVar
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter, pick
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,6 @@ class RunConfig:
     def total(self) -> int:
         """How many episodes that are."""
         return len(self.only) // 2 or len(self.scenarios) * self.episodes
-
-
-# ---- The sections of a parameter file as one value, from which each command and node takes its configuration.
-
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,11 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
@@ -157,33 +153,3 @@ def stopped_between_updates() -> Iterator[Callable[[], None]]:
     """
     with stop_requested_by_signals() as request:
         yield request.check
-
-
-# ---- Tables of numbers as text for a terminal.
-
-
-def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Padding:
-    """Return a table, a free line below: its first column names the rows, to the left, the others stand to the right.
-
-    :param rows: their cells; None sets what follows apart.
-    """
-    view = Table(box=box.SIMPLE_HEAD, title=escape(title) or None, title_justify="left", padding=(0, 1, 0, 0))
-    view.show_edge = view.pad_edge = False
-    for place, head in enumerate(heads):
-        view.add_column(escape(head), justify="right" if place else "left", no_wrap=True)
-    for cells in rows:
-        if cells is None:
-            view.add_section()
-        else:
-            view.add_row(*map(escape, cells))
-    return Padding(view, (0, 0, 1, 0), expand=False)
-
-
-def quartiles_text(quartiles: Iterable[float]) -> str:
-    """Return quartiles as one cell; "-" where there is none."""
-    return "  ".join(f"{value:.2f}" for value in quartiles) or "-"
-
-
-def short_name(scenario: str) -> str:
-    """Return a scenario's name without what all of Table 6 have in common: "A S-N"."""
-    return scenario.removeprefix("Location").replace("_PedCross_", " ")

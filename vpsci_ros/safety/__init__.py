@@ -10,10 +10,10 @@ who yielded, and `line_of_sight` what parked vehicles hide.
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate
 from vpsci_ros.safety.curvttc import CONFLICT_TTC, CRITICAL_TTC, HORIZON, curvttc, curvttc_pair
 from vpsci_ros.safety.encroachment import post_encroachment_time
+from vpsci_ros.safety.episodes import is_collision, is_conflict, least_clearance, least_curvttc, onset
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, clearance_pair
 from vpsci_ros.safety.line_of_sight import touches_box, visible_pair, visible_share
 from vpsci_ros.safety.measures import closest_encounter, drac, second_order_ttc, ttc_2d
-from vpsci_ros.safety.series import is_collision, is_conflict, least_clearance, least_curvttc, onset
 from vpsci_ros.safety.yielding import Yielded, who_yielded
 
 __all__ = [

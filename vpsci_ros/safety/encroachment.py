@@ -11,7 +11,7 @@ from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICL
 from vpsci_ros.safety.inputs import FloatLike, Floats
 from vpsci_ros.safety.series import trajectories
 
-# ---- Where two recorded paths cross, and when each agent was there.
+_PRECISION = 1e-6  # [steps]
 
 
 @kernel
@@ -49,9 +49,6 @@ def first_crossing(
             point_x, point_y = ax + best_walked * (bx - ax), ay + best_walked * (by - ay)
             return best_driven, j + best_walked, point_x, point_y
     return math.nan, math.nan, math.nan, math.nan
-
-
-_PRECISION = 1e-6  # [steps]
 
 
 @kernel

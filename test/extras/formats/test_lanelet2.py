@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vpsci_ros.extras.formats.opendrive import document
+from vpsci_ros.extras.formats.lanelet2 import document
 from vpsci_ros.world.scenario import load_scenario
 
 lanelet2 = pytest.importorskip("lanelet2", reason="pip install 'vpsci_ros[test]'")

@@ -12,7 +12,8 @@ from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.carla_csv import write
 from vpsci_ros.extras.formats.run import Options
-from vpsci_ros.extras.paper.published_dataset import SCALE, canonical, convert
+from vpsci_ros.extras.paper.published_dataset import SCALE
+from vpsci_ros.extras.paper.published_tables import canonical, convert
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 
 RATE, METRES = 25.0, 0.05  # of the HDI file

@@ -20,8 +20,8 @@ from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, concat_near_misses
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
-from vpsci_ros.runs.progress import text_table
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
 

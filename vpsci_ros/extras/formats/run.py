@@ -68,7 +68,7 @@ EXPORTERS = PluginGroup(
     {
         "openscenario": Exporter("vpsci_ros.extras.formats.openscenario", "formats"),
         "commonroad": Exporter("vpsci_ros.extras.formats.commonroad", "commonroad"),
-        "lanelet2": Exporter("vpsci_ros.extras.formats.opendrive"),
+        "lanelet2": Exporter("vpsci_ros.extras.formats.lanelet2"),
         "osi": Exporter("vpsci_ros.extras.formats.osi", "formats"),
         "scenarionet": Exporter("vpsci_ros.extras.formats.scenarionet"),
         "minari": Exporter("vpsci_ros.extras.formats.minari"),

@@ -1,8 +1,9 @@
-"""Published recordings that hold tables of tracks: levelXData, INTERACTION, SinD, Argoverse 2 and TGSIM.
+"""Recordings published as tables of tracks: levelXData, INTERACTION, SinD, Argoverse 2, TGSIM and TAF-BW.
 
 Vehicles are motor vehicles on four wheels or more; bicycles, motorcycles and the like are left out, and the import says
 how many. Sizes are the tracks' own where the format has them. Most formats are a layout in `layouts/`, as users write
 one for their own recordings (`vpsci_ros.data.importers.described`); levelXData spreads a recording over three files.
+TAF-BW (Test Area Autonomous Driving Baden-Wuerttemberg) has frozen positions and flipped headings, which are left out.
 """
 
 from collections.abc import Iterator
@@ -19,6 +20,17 @@ from vpsci_ros.data.importers.tracks import Clip, Importer, Track, require_colum
 from vpsci_ros.errors import InvalidInput
 
 _LAYOUTS = Path(__file__).resolve().parent / "layouts"
+_TAF_BW_FILES = "vehicle_tracks_*.csv"
+_TAF_BW = Layout(
+    {"id": "track_id", "time": "timestamp_ms", "class": "agent_type", "heading": "psi_rad"}
+    | {name: name for name in ("x", "y", "vx", "vy")},
+    vehicles=frozenset({"car", "truck", "bus", "van"}),
+    pedestrians=frozenset({"pedestrian", "pedestrian/bicycle"}),
+    time_unit=1e-3,
+    speeds_agree=False,
+)
+_FROZEN = 0.3  # [m/s] a track that says it moves faster than this, and does not move, is frozen
+_FLIP = 0.5  # [rad] a heading that turns by more in 0.1 s
 
 
 def levelx(folder: Path) -> Iterator[Clip]:
@@ -61,45 +73,22 @@ def _importer(name: str) -> Importer:
     return Importer(partial(described, description=_LAYOUTS / f"{name}.yaml"), length=4.5, width=1.8)
 
 
-LEVELX = Importer(levelx, length=4.5, width=1.8)
-INTERACTION, SIND, ARGOVERSE2, TGSIM = map(_importer, ("interaction", "sind", "argoverse2", "tgsim"))
+def taf_bw(folder: Path) -> Iterator[Clip]:
+    """Yield a clip for each file of Test Area Autonomous Driving Baden-Wuerttemberg below a folder, sorted by name.
 
-
-# ---- The INTERACTION data set's columns, as Test Area Autonomous Driving Baden-Wuerttemberg publishes its tracks.
-#
-# Source: FZI, "TAF-BW dataset" (CC BY-NC-SA 4.0), two signalised junctions at 10 Hz, metres, x east and y north. A
-# clip is one file vehicle_tracks_NNN.csv: track_id, frame_id, timestamp_ms, agent_type (Car, Pedestrian ...), x, y,
-# vx, vy, psi_rad, length, width, in any order. Positions of online tracking may freeze for some frames; the frozen
-# ones are left out and bridged.
-
-
-_PATTERN = "vehicle_tracks_*.csv"
-_LAYOUT = Layout(
-    {"id": "track_id", "time": "timestamp_ms", "class": "agent_type", "heading": "psi_rad"}
-    | {name: name for name in ("x", "y", "vx", "vy")},
-    vehicles=frozenset({"car", "truck", "bus", "van"}),
-    pedestrians=frozenset({"pedestrian", "pedestrian/bicycle"}),
-    time_unit=1e-3,
-    speeds_agree=False,
-)
-_FROZEN = 0.3  # [m/s] a track that says it moves faster than this, and does not move, is frozen
-_FLIP = 0.5  # [rad] a heading that turns by more in 0.1 s
-
-
-def read_folder(folder: Path) -> Iterator[Clip]:
-    """Yield a clip for each track file of a folder and of the folders in it, sorted by name.
+    Source: FZI, "TAF-BW dataset" (CC BY-NC-SA 4.0), two signalised junctions at 10 Hz, metres, x east and y north. A
+    clip is one file vehicle_tracks_NNN.csv with INTERACTION's columns track_id, frame_id, timestamp_ms, agent_type
+    (Car, Pedestrian ...), x, y, vx, vy, psi_rad, length, width, in any order. Positions of online tracking may freeze
+    for some frames; the frozen ones are left out and bridged.
 
     :raises InvalidInput: no such folder, no track file in it, or a file that does not hold what it should.
     """
-    files = sorted(folder.rglob(_PATTERN)) if folder.is_dir() else []
+    files = sorted(folder.rglob(_TAF_BW_FILES)) if folder.is_dir() else []
     if not files:
-        raise InvalidInput(f"{folder}: expected a folder with files {_PATTERN}, as published; found none")
+        raise InvalidInput(f"{folder}: expected a folder with files {_TAF_BW_FILES}, as published; found none")
     for path in files:
         name = path.stem.removeprefix("vehicle_tracks_")
         yield read_clip(f"{path.parent.name}/{name}" if path.parent != folder else name, path)
-
-
-TAF_BW = Importer(read_folder, length=4.6, width=2.1)
 
 
 def read_clip(name: str, path: Path) -> Clip:
@@ -108,9 +97,9 @@ def read_clip(name: str, path: Path) -> Clip:
     :raises InvalidInput: a column is missing or holds something else.
     """
     table = read_csv(path)
-    require_columns(table, _LAYOUT.columns.values(), path)
+    require_columns(table, _TAF_BW.columns.values(), path)
     kind = pl.col("agent_type").first().over("track_id").str.to_lowercase()
-    clip = clip_of(name, {path: (table.with_columns(kind).filter(~_frozen(table)), _LAYOUT)})
+    clip = clip_of(name, {path: (table.with_columns(kind).filter(~_frozen(table)), _TAF_BW)})
     return replace(clip, vehicles=[piece for track in clip.vehicles for piece in _without_flips(track)])
 
 
@@ -128,3 +117,8 @@ def _without_flips(track: Track) -> Iterator[Track]:
     for piece in np.split(np.arange(track.last - track.first + 1), cuts):
         own = slice(int(piece[0]), int(piece[-1]) + 1)
         yield Track(track.number, track.first + own.start, {name: v[own] for name, v in track.values.items()})
+
+
+LEVELX = Importer(levelx, length=4.5, width=1.8)
+INTERACTION, SIND, ARGOVERSE2, TGSIM = map(_importer, ("interaction", "sind", "argoverse2", "tgsim"))
+TAF_BW = Importer(taf_bw, length=4.6, width=2.1)

@@ -46,7 +46,7 @@ def published(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write the dataset into; new or empty.")],
 ) -> None:
     """Write the authors' published files as a dataset, for report, view, dataset info and study paper."""
-    from vpsci_ros.extras.paper.published_dataset import convert
+    from vpsci_ros.extras.paper.published_tables import convert
 
     convert(source, output)
     print(f"written: {output}")

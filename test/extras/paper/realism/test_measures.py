@@ -6,7 +6,8 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, energy_score, find_onsets
+from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, find_onsets
+from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.extras.paper.realism.controls import constant_velocity, residual_sampler
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods

@@ -6,13 +6,8 @@ import polars as pl
 import pytest
 
 from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, QUESTIONS, by_bins
-from vpsci_ros.extras.paper.section_4.comparison import (
-    SCHEMA,
-    between_halves,
-    describe,
-    distance_between,
-    onset_weights,
-)
+from vpsci_ros.extras.paper.section_4.comparison import between_halves, describe, distance_between, onset_weights
+from vpsci_ros.extras.paper.section_4.encounters import SCHEMA
 
 
 def encounters(least: list[float], onset: list[float] | None = None, groups: list[str] | None = None) -> pl.DataFrame:

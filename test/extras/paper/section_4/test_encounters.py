@@ -8,7 +8,7 @@ import pytest
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
-from vpsci_ros.extras.paper.section_4.comparison import SCHEMA, generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.encounters import SCHEMA, generated_encounters, recorded_encounters
 
 
 def near_miss(interaction: int, least: float, source: str = "mine", braking: float = 0.0) -> pl.DataFrame:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.evaluation.onsets import Onsets, energy_score, errors, min_ade
+from vpsci_ros.evaluation.onsets import Onsets
+from vpsci_ros.evaluation.roll_out_scores import energy_score, errors, min_ade
 from vpsci_ros.evaluation.simulators import Simulator, rule_based, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.extras.paper.realism.controls import CONTROL, TURN, constant_turn, residual_sampler

@@ -4,8 +4,8 @@ from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.evaluation.errors import share_text
-from vpsci_ros.runs.progress import text_table
+from vpsci_ros.evaluation.error_table import share_text
+from vpsci_ros.runs.text_table import text_table
 
 
 def print_realism(result: dict[str, Any], console: Console) -> None:

@@ -1,9 +1,8 @@
 """The pictures of a report: how near they came (Figure 8), conflicts by speed (11), who gave way when (9, 12, 13)."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -12,17 +11,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.mlab import GaussianKDE
-from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode import Episode, yields
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN
 from vpsci_ros.report.canvas import new_figure, save_png
-from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground, outlines
-from vpsci_ros.safety import CRITICAL_TTC, Yielded
+from vpsci_ros.safety import CRITICAL_TTC
 
 Floats = NDArray[np.float64]
 SHARES = Normalize(0.0, 100.0)
@@ -171,111 +165,3 @@ def _add_bar(figure: Figure, axes: NDArray[np.object_], label: str) -> None:
     bar = figure.colorbar(ScalarMappable(SHARES, WARM), ax=axes, shrink=0.8, pad=0.01)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=7)
-
-
-# ---- Sequential snapshots in the manner of the paper's Figure 5: a row an episode, from the approach to the
-# clearance.
-
-
-STAGES = ("approach", "entry", "critical", "clearance")
-HALF = 12.0  # [m] half a panel's width
-_BEFORE = 1.0  # [s] from the approach to the entry
-_EDGE = 2.0  # [m] from a panel's edge
-
-
-def save_snapshots(episodes: Sequence[tuple[str, Episode]], path: str | Path) -> None:
-    """Draw four moments of each episode under its title, and write them as a PNG, whole or not at all.
-
-    :raises InvalidInput: no episode, or the folder of `path` does not exist.
-    """
-    if not episodes:
-        raise InvalidInput(f"{path}: expected at least one interaction to draw, got none")
-    figure, axes = new_figure(2.5 * len(STAGES), 2.75 * len(episodes), len(episodes), len(STAGES))
-    for row, (title, episode) in zip(axes, episodes, strict=True):
-        pair = episode.pair().filled()
-        at, middle = moments(pair)
-        for axis, stage, frame in zip(row, STAGES, at, strict=True):
-            _draw(axis, pair, frame, middle)
-            axis.set_title(f"{stage}, {frame * pair.period:.1f} s", fontsize=7)
-        row[0].set_ylabel(title, fontsize=7)
-    save_png(figure, path, 110)
-
-
-def moments(pair: Episode) -> tuple[tuple[int, int, int, int], tuple[float, float]]:
-    """Return the frames of the four stages, and the middle of the picture [m], halfway between both at the third.
-
-    They are 1 s before CurvTTC falls below 5 s, then, at its least, and when both are within the picture for the last
-    time. An episode that never is critical has its least CurvTTC, or least distance, in the place of the first ones.
-    """
-    ttc = pair.known_curvttc[0]
-    least = int(ttc.argmin()) if np.isfinite(ttc).any() else int(pair.distance[0].argmin())
-    critical = np.flatnonzero(ttc < CRITICAL_TTC)
-    first = int(critical[0]) if len(critical) else least
-    x, y = 0.5 * (pair.ped_x[0, least] + pair.x[least]), 0.5 * (pair.ped_y[0, least] + pair.y[least])
-    off = np.abs([pair.x - x, pair.y - y, pair.ped_x[0] - x, pair.ped_y[0] - y]).max(axis=0)
-    last = max(int(np.flatnonzero(off < HALF - _EDGE)[-1]), least) if (off < HALF - _EDGE).any() else least
-    return (max(first - round(_BEFORE / pair.period), 0), first, least, last), (float(x), float(y))
-
-
-def _draw(axis: Axes, pair: Episode, frame: int, middle: tuple[float, float]) -> None:
-    axis.set_facecolor(GROUND)
-    axis.set_aspect("equal")
-    axis.set(xticks=[], yticks=[])
-    if pair.scenario is not None:
-        draw_ground(axis, pair.scenario)
-    until = slice(0, frame + 1)
-    axis.plot(pair.x[until], pair.y[until], color=VEHICLE, linewidth=1.4, alpha=0.5)
-    axis.plot(pair.ped_x[0, until], pair.ped_y[0, until], color=PEDESTRIAN, linewidth=1.4, alpha=0.5)
-    box: NDArray[Any] = np.array([[pair.x[frame], pair.y[frame], pair.heading[frame], pair.length, pair.width]])
-    (rectangle,) = outlines(np.nan_to_num(box))
-    axis.add_patch(Polygon(rectangle, closed=True, facecolor=VEHICLE, edgecolor="white", linewidth=0.6, zorder=4))
-    person = pair.ped_x[0, frame], pair.ped_y[0, frame]
-    axis.add_patch(Circle(person, 2.0 * pair.radius, facecolor=PEDESTRIAN, edgecolor="white", linewidth=0.6, zorder=5))
-    ttc = pair.known_curvttc[0, frame]
-    speeds = f"{pair.speed[frame]:.1f}, {np.hypot(pair.ped_vx[0, frame], pair.ped_vy[0, frame]):.1f} m/s"
-    text = f"CurvTTC {ttc:.1f} s\n{speeds}" if np.isfinite(ttc) else speeds
-    axis.text(0.03, 0.97, text, transform=axis.transAxes, va="top", fontsize=6, zorder=6)
-    axis.set_xlim(middle[0] - HALF, middle[0] + HALF)
-    axis.set_ylim(middle[1] - HALF, middle[1] + HALF)
-
-
-# ---- Which episodes a picture shows: one of each scenario, typical in how near it came and in who gave way.
-
-
-MOST = 512  # episodes of a scenario among which the typical one is looked for
-YIELD_NAMES = {
-    Yielded.VEHICLE: "Vehicle-yield",
-    Yielded.PEDESTRIAN: "Pedestrian-yield",
-    Yielded.BOTH: "Both yield",
-    Yielded.NONE: "Nobody yields",
-}
-_NUMBERS = "①②③④⑤⑥⑦⑧"
-
-
-def typical_episodes(dataset: Dataset | str | Path) -> list[tuple[str, Episode]]:
-    """Return title and episode for each scenario of a dataset that has a kept episode.
-
-    Taken is, among the episodes with the scenario's most frequent kind of yielding (none at all only where there is
-    nothing else), the one whose least CurvTTC lies nearest to their median; looked for among the first `MOST`.
-
-    :raises InvalidInput: the folder is no dataset, or not a single episode was kept.
-    """
-    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
-    kept = (list(itertools.islice(data.read(scenario=name), MOST)) for name in data.scenarios)
-    found = [_typical(episodes) for episodes in kept if episodes]
-    if not found:
-        raise InvalidInput(f"{data.folder}: no episode was kept, so there is nothing to draw; simulate more episodes")
-    return found
-
-
-def _typical(episodes: Sequence[Episode]) -> tuple[str, Episode]:
-    codes = yields(episodes)
-    counts = np.bincount(codes, minlength=4)
-    counts[Yielded.NONE] = min(counts[Yielded.NONE], 0 if counts[1:].any() else 1)
-    candidates = np.flatnonzero(codes == counts.argmax())
-    least = np.array([episodes[i].least_curvttc for i in candidates.tolist()])
-    i = int(candidates[np.abs(least - np.median(least)).argmin()])
-    one, number = episodes[i], episodes[i].key[0]
-    sign = _NUMBERS[number - 1] if 1 <= number <= len(_NUMBERS) else f"({number})"
-    how = f"{YIELD_NAMES[Yielded(codes[i])]}, episode {one.number}, least CurvTTC {one.least_curvttc:.2f} s"
-    return f"{sign} {one.group}\n{how}", one

@@ -14,16 +14,11 @@ from vpsci_ros.data.published import CRITICAL_SHARES, KS, LEAST_CURVTTC, REAL_LE
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, by_bins
-from vpsci_ros.extras.paper.section_4.comparison import (
-    SHARES,
-    between_halves,
-    describe,
-    distance_between,
-    generated_encounters,
-    recorded_encounters,
-)
-from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding, typical_episodes
+from vpsci_ros.extras.paper.section_4.comparison import SHARES, between_halves, describe, distance_between
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding
 from vpsci_ros.extras.paper.section_4.table import markdown, rows_of
+from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
 from vpsci_ros.report import html
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.resources import near_misses_path

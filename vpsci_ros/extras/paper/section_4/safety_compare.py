@@ -19,7 +19,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
-from vpsci_ros.runs.progress import text_table
+from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.safety import (
     CONFLICT_TTC,
     closest_encounter,

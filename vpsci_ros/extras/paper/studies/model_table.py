@@ -15,10 +15,11 @@ from vpsci_ros.data.interactions import Interactions, table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import compare, share_of
-from vpsci_ros.evaluation.onsets import Onsets, energy_score, find_onsets, min_ade
+from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
+from vpsci_ros.evaluation.roll_out_scores import energy_score, min_ade
 from vpsci_ros.evaluation.simulators import policy
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise

@@ -23,15 +23,10 @@ from vpsci_ros.data.published import TABLE_10
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
-from vpsci_ros.extras.paper.section_4.comparison import generated_encounters, recorded_encounters
-from vpsci_ros.extras.paper.section_4.figures import (
-    SIDES,
-    save_conflicts,
-    save_nearness,
-    save_snapshots,
-    save_yielding,
-    typical_episodes,
-)
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save_nearness, save_yielding
+from vpsci_ros.extras.paper.section_4.snapshots import save_snapshots
+from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
 from vpsci_ros.learning import online
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png, show_all

@@ -7,11 +7,11 @@ from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.cli.stages import Stage1Inputs, stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.cli.stage_inputs import Stage1Inputs, stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.errors import print_errors
+from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.extras.paper.models import ROWS
 from vpsci_ros.extras.paper.studies.cross_validation import RESULT, Refinement, cross_validate
 from vpsci_ros.extras.paper.studies.learning import (

@@ -7,10 +7,10 @@ import polars as pl
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from vpsci_ros.evaluation.errors import share_text
+from vpsci_ros.evaluation.error_table import share_text
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
 from vpsci_ros.report.canvas import new_figure, save_png
-from vpsci_ros.runs.progress import text_table
+from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.world.observation import AGENTS
 
 VEHICLE, PEDESTRIAN, PAPER, GREEN, ORANGE = "#08519c", "#cb181d", "#8c8c8c", "#2ca02c", "#e6550d"

@@ -1,0 +1,44 @@
+"""The roll-out: policies observe, act and move on through known kinematics, in training and in evaluation.
+
+Its three parts are independent: where it starts, who acts (anything that answers `Seen`), and how many of the scenes
+still move at each step.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from vpsci_ros.evaluation.scene import Scene, advance, observe, time_to_collision
+from vpsci_ros.world.observation import AGENTS
+
+Actions = dict[str, Tensor]
+"""Agent -> accelerations [B, 2] [m/s2], in the vehicle's heading frame."""
+
+
+class Seen(NamedTuple):
+    """What both agents know at a step of a roll-out of B scenes."""
+
+    step: int
+    scene: Scene
+    observation: dict[str, Tensor]  # agent -> [B, 6], (6) and (7)
+    curvttc: Tensor  # float64[B] [s]
+
+
+def roll_out(start: Scene, act: Callable[[Seen], Actions], moving: Sequence[int]) -> Iterator[Scene]:
+    """Yield the scenes after each step of 0.1 s; where a number is not finite, one of NaN, and no more.
+
+    :param start: B scenes.
+    :param act: returns both agents' accelerations.
+    :param moving: for each step, how many of the scenes take it: the first so many, fewer and fewer.
+    """
+    scene = start
+    for step, count in enumerate(moving):
+        scene = Scene(*(part[:count] for part in scene))
+        seen = Seen(step, scene, dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene))
+        scene = advance(scene, act(seen))
+        if not scene.finite:
+            yield Scene(*(part * torch.nan for part in scene))
+            return
+        yield scene

@@ -1,0 +1,50 @@
+"""The episodes of a picture: one of each scenario, typical in how near it came and in who gave way."""
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import Episode, yields
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import Yielded
+
+MOST = 512  # episodes of a scenario among which the typical one is looked for
+YIELD_NAMES = {
+    Yielded.VEHICLE: "Vehicle-yield",
+    Yielded.PEDESTRIAN: "Pedestrian-yield",
+    Yielded.BOTH: "Both yield",
+    Yielded.NONE: "Nobody yields",
+}
+_NUMBERS = "①②③④⑤⑥⑦⑧"
+
+
+def typical_episodes(dataset: Dataset | str | Path) -> list[tuple[str, Episode]]:
+    """Return title and episode for each scenario of a dataset that has a kept episode.
+
+    Taken is, among the episodes with the scenario's most frequent kind of yielding (none at all only where there is
+    nothing else), the one whose least CurvTTC lies nearest to their median; looked for among the first `MOST`.
+
+    :raises InvalidInput: the folder is no dataset, or not a single episode was kept.
+    """
+    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    kept = (list(itertools.islice(data.read(scenario=name), MOST)) for name in data.scenarios)
+    found = [_typical(episodes) for episodes in kept if episodes]
+    if not found:
+        raise InvalidInput(f"{data.folder}: no episode was kept, so there is nothing to draw; simulate more episodes")
+    return found
+
+
+def _typical(episodes: Sequence[Episode]) -> tuple[str, Episode]:
+    codes = yields(episodes)
+    counts = np.bincount(codes, minlength=4)
+    counts[Yielded.NONE] = min(counts[Yielded.NONE], 0 if counts[1:].any() else 1)
+    candidates = np.flatnonzero(codes == counts.argmax())
+    least = np.array([episodes[i].least_curvttc for i in candidates.tolist()])
+    i = int(candidates[np.abs(least - np.median(least)).argmin()])
+    one, number = episodes[i], episodes[i].key[0]
+    sign = _NUMBERS[number - 1] if 1 <= number <= len(_NUMBERS) else f"({number})"
+    how = f"{YIELD_NAMES[Yielded(codes[i])]}, episode {one.number}, least CurvTTC {one.least_curvttc:.2f} s"
+    return f"{sign} {one.group}\n{how}", one

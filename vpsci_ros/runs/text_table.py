@@ -1,0 +1,35 @@
+"""Tables of numbers as text for a terminal."""
+
+from collections.abc import Iterable, Sequence
+
+from rich import box
+from rich.markup import escape
+from rich.padding import Padding
+from rich.table import Table
+
+
+def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Padding:
+    """Return a table, a free line below: its first column names the rows, to the left, the others stand to the right.
+
+    :param rows: their cells; None sets what follows apart.
+    """
+    view = Table(box=box.SIMPLE_HEAD, title=escape(title) or None, title_justify="left", padding=(0, 1, 0, 0))
+    view.show_edge = view.pad_edge = False
+    for place, head in enumerate(heads):
+        view.add_column(escape(head), justify="right" if place else "left", no_wrap=True)
+    for cells in rows:
+        if cells is None:
+            view.add_section()
+        else:
+            view.add_row(*map(escape, cells))
+    return Padding(view, (0, 0, 1, 0), expand=False)
+
+
+def quartiles_text(quartiles: Iterable[float]) -> str:
+    """Return quartiles as one cell; "-" where there is none."""
+    return "  ".join(f"{value:.2f}" for value in quartiles) or "-"
+
+
+def short_name(scenario: str) -> str:
+    """Return a scenario's name without what all of Table 6 have in common: "A S-N"."""
+    return scenario.removeprefix("Location").replace("_PedCross_", " ")
