@@ -1,5 +1,6 @@
 """Whose reactions act at recorded onsets, and which onsets lie beyond their range."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,15 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.cli.dataset import generate
 from vpsci_ros.cli.exam import ads_test
+from vpsci_ros.cli.main import graph
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.simulators import beyond_range
+from vpsci_ros.extras.drive.commands import drive
 from vpsci_ros.extras.paper.realism.run import run_realism
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.runs.config import Sections
 
 
 def test_each_source_answers_its_own_onsets_another_one_the_rest_and_a_named_one_all() -> None:
@@ -43,11 +47,39 @@ def test_an_onset_is_held_against_the_range_of_the_source_that_answers_it() -> N
     assert beyond_range(Bank(made), onsets, "vci")[1].all()
 
 
-@pytest.mark.parametrize("command", [generate, ads_test])
+STAGE_3 = Path("stage3_generate")
+
+
+@pytest.mark.parametrize(
+    "command", [generate, ads_test, partial(graph, params=STAGE_3), partial(drive, browser=False)], ids=str
+)
 def test_a_source_that_the_bank_does_not_have_is_refused_before_anything_runs(command: Any, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="expected one of cqut, vci, the sources of this bank, got 'nobody'"):
-        command(output=tmp_path / "out", people="nobody", episodes=1)
+        command(output=tmp_path / "out", people="nobody")
     assert not list((tmp_path / "out").glob("*.json"))
+
+
+def test_networks_have_no_sources_and_a_graph_says_so_before_it_starts(tmp_path: Path) -> None:
+    networks = [f"{agent}_policy.weights=ma_sst_ddpg" for agent in ("vehicle", "pedestrian")]
+    with pytest.raises(InvalidInput, match="people: expected a bank for 'vci', got weights of networks"):
+        graph(params=STAGE_3, output=tmp_path / "out", settings=networks, people="vci")
+
+
+def test_a_named_source_is_that_of_both_agents_of_a_graph_and_of_the_pedestrian_whom_a_person_meets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Seen(Exception):
+        pass
+
+    def seen(sections: Sections, *_: Any, **__: Any) -> None:
+        raise Seen({node: values["people"] for node, values in sections.values.items() if "people" in values})
+
+    monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", seen)
+    monkeypatch.setattr("vpsci_ros.extras.drive.run.prepare_person", seen)
+    with pytest.raises(Seen, match="^{'vehicle_policy': 'vci', 'pedestrian_policy': 'vci'}$"):
+        graph(params=STAGE_3, output=tmp_path / "graph", people="vci")
+    with pytest.raises(Seen, match="^{'pedestrian_policy': 'vci'}$"):
+        drive(output=tmp_path / "drive", params=Path("drive"), people="vci")
 
 
 def test_realism_refuses_it_too(tmp_path: Path) -> None:

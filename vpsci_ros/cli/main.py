@@ -16,7 +16,17 @@ from vpsci_ros.cli.dataset import dataset_app, generate
 from vpsci_ros.cli.doctor import doctor
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.learning import evaluate, pretrain, refine
-from vpsci_ros.cli.options import Output, Params, Quiet, Settings, file_to_write, read_sections, writes_folder
+from vpsci_ros.cli.options import (
+    Output,
+    Params,
+    People,
+    Quiet,
+    Settings,
+    file_to_write,
+    of_people,
+    read_sections,
+    writes_folder,
+)
 from vpsci_ros.cli.people import people
 from vpsci_ros.cli.view import view
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
@@ -100,12 +110,13 @@ def graph(
         int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID; default: the environment's.")
     ] = None,
     composed: Annotated[bool, typer.Option("--composed", help="Run all nodes in one process: faster.")] = False,
+    people: People = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a graph of nodes from start to end. The parameter file selects the stage."""
     from vpsci_ros.nodes.graph import run_graph
 
-    sections = read_sections(params, [*(settings or []), *["graph.composed=true"] * composed])
+    sections = read_sections(params, [*(settings or []), *of_people(people), *["graph.composed=true"] * composed])
     if domain_id is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain_id)
     result = run_graph(sections, output, quiet=quiet)

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter, values_of
-from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
-from vpsci_ros.policy.policy_file import policy_from_bytes
+from vpsci_ros.policy.policy_file import policy_from_bytes, require_source
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.provenance import cpu_name
@@ -154,7 +153,6 @@ def _policy(config: PolicyConfig, where: str) -> Policy:
         raise InvalidInput(f"{where}: weights is empty; name a safetensors file, or weights shipped with the package")
     path = weights_path(config.weights)
     data = path.read_bytes()
-    if isinstance(policy := policy_from_bytes(data, str(path)), Bank):
-        policy.of(config.people)
+    require_source(policy_from_bytes(data, str(path)), config.people)
     named = replace(config, weights=path.stem)  # where a file lies is nobody's business
     return Policy(data, path.stem, named)

@@ -29,6 +29,7 @@ from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, settings_of, table
 from vpsci_ros.policy.compiling import compile_kernels
+from vpsci_ros.policy.policy_file import load_policy, require_source
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
@@ -82,11 +83,13 @@ def run_graph(
     :param folder: output folder, empty or new: bag/, log/, params.yaml (resolved), run.json, and what a learner writes.
     :param stop_when: called about ten times a second with the nodes' latest reports and for how long nothing has
         happened [s]; an answer ends the run, and is its `error`.
-    :raises InvalidInput: a parameter is refused, there are no such weights, another graph runs in this ROS domain,
-        DDS security is requested and not to be had, or the folder is not empty; nothing has been started then.
+    :raises InvalidInput: a parameter is refused, there are no such weights or no such source of them, another graph
+        runs in this ROS domain, DDS security is requested and not to be had, or the folder is not empty; nothing
+        has been started then.
     """
     require_security()
     resolved = resolve(sections, Path(folder))
+    _require_sources(resolved)
     hashes = {name: sha256(path) for name, path in sorted(_weights(resolved).items())}
     chosen = resolved.get(GraphConfig, "graph")
     begun = time.monotonic()
@@ -132,6 +135,16 @@ def _weights(resolved: Sections) -> dict[str, Path]:
         if name := values.get("weights"):
             found[name] = resolved.get(LearnerConfig, node).start() if node == "learner" else weights_path(name)
     return found
+
+
+def _require_sources(resolved: Sections) -> None:
+    """Refuse a source that the weights of a policy's node do not have; weights to come are checked by the node.
+
+    :raises InvalidInput: see `vpsci_ros.policy.policy_file.require_source`.
+    """
+    for values in resolved.values.values():
+        if values.get("people") and values.get("weights"):
+            require_source(load_policy(values["weights"]), values["people"])
 
 
 def _run_to_the_end(

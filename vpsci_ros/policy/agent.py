@@ -8,13 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.histories import Histories
 from vpsci_ros.policy.people import PeopleAtWork
-from vpsci_ros.policy.policy_file import Policy
+from vpsci_ros.policy.policy_file import Policy, require_source
 from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
@@ -57,10 +56,7 @@ class PolicyAgent:
 
         :raises InvalidInput: a bank that does not know the people, or networks where people are named.
         """
-        if isinstance(policy, Bank):
-            policy.of(self._people)
-        elif self._people:
-            raise InvalidInput(f"people: expected a bank for {self._people!r}, got weights of networks; leave it empty")
+        require_source(policy, self._people)
         first, same = self._policy is None, isinstance(policy, Weights) and isinstance(self._work, NetworkAtWork)
         self._policy, self.version = policy, version
         if first:

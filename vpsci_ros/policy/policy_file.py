@@ -34,6 +34,17 @@ def load_policy(name: str | Path) -> Policy:
     )
 
 
+def require_source(policy: Policy, people: str) -> None:
+    """Refuse the name of a source whose reactions a policy does not have; the empty name is always right.
+
+    :raises InvalidInput: a bank without that source, or networks.
+    """
+    if isinstance(policy, Bank):
+        policy.of(people)
+    elif people:
+        raise InvalidInput(f"people: expected a bank for {people!r}, got weights of networks; leave it empty")
+
+
 def named_policies(given: list[str]) -> dict[str, Path]:
     """Return name -> file of policies given as NAME=FILE, or as a file or shipped name alone.
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Settings, read_sections, stoppable, writes_folder
+from vpsci_ros.cli.options import Params, People, Settings, of_people, read_sections, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput, require
 
 drive_app = typer.Typer(add_completion=False)
@@ -32,6 +32,7 @@ def drive(
     ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of 127.0.0.1; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
+    people: People = None,
     settings: Settings = None,
 ) -> None:
     """Drive the car by keys in a browser; the default pedestrian reacts, and you get the report of an exam.
@@ -47,7 +48,7 @@ def drive(
     from vpsci_ros.extras.drive.page import Page
     from vpsci_ros.extras.drive.run import RELOADED, prepare_person, run_drive
 
-    sections = read_sections(params, settings)
+    sections = read_sections(params, [*(settings or []), *of_people(people)[-1:]])  # the pedestrian's: a person drives
     if episodes is not None:
         sections = sections.changed("world_simulator", {"episodes": episodes})
     exam, factor = prepare_person(sections)
