@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
-from vpsci_ros.data.dataset_index import DATASET_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig

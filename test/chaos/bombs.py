@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses

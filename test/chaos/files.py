@@ -24,7 +24,7 @@ from synthetic import random_weights, synthetic_near_misses
 
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses

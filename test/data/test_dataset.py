@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX
+from vpsci_ros.data.dataset_description import DESCRIPTION
+from vpsci_ros.data.dataset_tables import INDEX
 from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput

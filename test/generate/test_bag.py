@@ -6,10 +6,10 @@ import polars as pl
 import pytest
 from bags.collected import collected
 
-from vpsci_ros.data.dataset_index import episode_rows
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import episode_rows
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.simulate import record_episodes
+from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.verify import first_difference
 
 NAMES = {1: "LocationA_PedCross_S-N", 6: "LocationB_PedCross_N-S"}

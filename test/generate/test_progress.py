@@ -1,7 +1,7 @@
 """What a run shows where there is no terminal."""
 
 from vpsci_ros.generate.plan import DatasetPlan
-from vpsci_ros.generate.run import ProgressOfRun
+from vpsci_ros.generate.progress import ProgressOfRun
 
 
 def shown(capsys, quiet: bool) -> str:

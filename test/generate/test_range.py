@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from vpsci_ros.data.dataset_index import counts_of, index_table
+from vpsci_ros.data.dataset_description import counts_of
+from vpsci_ros.data.dataset_tables import index_table
 from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
 from vpsci_ros.generate.simulate import ranged
 from vpsci_ros.policy.onset_range import LEVELS

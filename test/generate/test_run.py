@@ -15,11 +15,12 @@ import polars as pl
 import pytest
 from generate.small import TARGETS, UNIT
 
-from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.plan import FOLDER, RECORD, DatasetPlan
+from vpsci_ros.generate.parts import FINISHED, FOLDER
+from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
 from vpsci_ros.runs.files import atomic_write, sha256
@@ -28,7 +29,7 @@ from vpsci_ros.runs.workers import Processes, Serial
 
 def hashes(folder: Path) -> dict[str, str]:
     """Return the hash of every file that is part of the dataset."""
-    files = [path for path in folder.rglob("*") if path.is_file() and path.name != RECORD]
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != FINISHED]
     return {path.relative_to(folder).as_posix(): sha256(path) for path in files}
 
 
@@ -69,7 +70,7 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", lambda: Stopped(partial(computing, job, 64)), unit=UNIT)
     assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
-    assert len(list((tmp_path / "d" / FOLDER).glob("*.npz"))) == 2
+    assert len(list((tmp_path / "d" / FOLDER).glob("*.parquet"))) == 2
     resumed = make(tmp_path / "d", unit=1000)  # goes on in the units of old
     assert resumed.computed == make(tmp_path / "once").computed - 2 * UNIT
     assert hashes(tmp_path / "d") == hashes(made)
@@ -86,14 +87,14 @@ def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record
         make(tmp_path / "d")
     assert (tmp_path / "d" / DESCRIPTION).is_file()
     assert make(tmp_path / "d").computed == 0
-    assert (tmp_path / "d" / RECORD).is_file()
+    assert (tmp_path / "d" / FINISHED).is_file()
     assert hashes(tmp_path / "d") == hashes(made)
 
 
 def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", lambda: Stopped(partial(computing, job, 64)), unit=UNIT)
-    part = next((tmp_path / "d" / FOLDER).glob("*.npz"))
+    part = next((tmp_path / "d" / FOLDER).glob("*.parquet"))
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
     part.write_bytes(data)
@@ -134,13 +135,13 @@ def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, mo
 
     monkeypatch.setattr("vpsci_ros.runs.workers.wait", wait)
     workers.submit(unit)
-    ((found, (kept, data)),) = workers.collect()
+    ((found, block),) = workers.collect()
     workers.close()
     assert len(killed) == 1
     assert found == unit
-    assert len(data) > 1_000_000, "more than a pipe takes at once"
-    block = Simulator(job, 64).run(unit)
-    assert (kept, data) == (block.kept.sum(), block.to_bytes())
+    assert block.values.nbytes > 1_000_000, "more than a pipe takes at once"
+    here = Simulator(job, 64).run(unit)
+    assert (block.records.tobytes(), block.values.tobytes()) == (here.records.tobytes(), here.values.tobytes())
 
 
 def test_an_error_in_a_worker_is_raised_here(job) -> None:
@@ -181,11 +182,11 @@ def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, ma
 
 def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, made, tmp_path, monkeypatch) -> None:
     def full(path: Path):
-        if len(list(path.parent.glob("1-*.npz"))) == 2:
+        if len(list(path.parent.glob("1-*.parquet"))) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return atomic_write(path)
 
-    monkeypatch.setattr("vpsci_ros.generate.simulate.atomic_write", full)
+    monkeypatch.setattr("vpsci_ros.generate.parts.atomic_write", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
         generate(job, TARGETS, tmp_path / "d", lambda: Serial(partial(computing, job, 64)), unit=UNIT)
     monkeypatch.undo()

@@ -8,8 +8,8 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vpsci_ros.data.dataset_index import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
 from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.run import simulators

@@ -12,8 +12,8 @@ from vpsci_ros.bags.episodes import read_episodes as one_by_one
 from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.data.dataset_index import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.config import Sections

@@ -14,7 +14,7 @@ from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_index import FORMATS
+from vpsci_ros.data.dataset_tables import FORMATS
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig

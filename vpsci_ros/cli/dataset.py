@@ -36,7 +36,8 @@ def generate(
     from vpsci_ros.cli.parameter_file import load
     from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
     from vpsci_ros.generate.job import DatasetConfig, job_from
-    from vpsci_ros.generate.run import PARALLEL, ProgressOfRun, simulators
+    from vpsci_ros.generate.progress import ProgressOfRun
+    from vpsci_ros.generate.run import PARALLEL, simulators
     from vpsci_ros.generate.run import generate as run
     from vpsci_ros.runs.config import RunConfig
 
@@ -119,7 +120,7 @@ def bag(
     ],
 ) -> None:
     """Write chosen episodes as a bag (rosbag2, MCAP), with the topics of a graph."""
-    from vpsci_ros.generate.simulate import record_episodes
+    from vpsci_ros.generate.record import record_episodes
 
     chosen = []
     for text in episodes:

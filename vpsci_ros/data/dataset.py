@@ -6,6 +6,7 @@ is written: until `close` there are hidden part files, and `discard` removes the
 without it is no dataset.
 """
 
+import io
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,26 +14,87 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_index import (
-    DATASHEET,
-    DESCRIPTION,
+from vpsci_ros.data.dataset_description import DATASHEET, DESCRIPTION, description_of, file_entry
+from vpsci_ros.data.dataset_tables import (
+    DATASET_COLUMNS,
     FORMATS,
     INDEX,
     INDEX_COLUMNS,
     REJECTED,
-    EpisodeTable,
-    description_of,
-    file_entry,
+    arrow_rows,
     index_table,
 )
-from vpsci_ros.data.episode_block import RECORD, EpisodeBlock, joined
+from vpsci_ros.data.episode_block import KEPT, RECORD, EpisodeBlock, joined
 from vpsci_ros.data.filters import FilterConfig, apply_filters
-from vpsci_ros.data.parquet import write_parquet
+from vpsci_ros.data.parquet import arrow_schema, as_polars, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json, write_text
 
 ROW_GROUP = 1 << 17
+
+
+class EpisodeTable:
+    """One scenario's episodes, written in row groups to a hidden part file: CSV if the path ends so, else Parquet.
+
+    :param row_group: rows after which a row group is written; it ends with an episode.
+    :param metadata: stored in the schema of a Parquet file.
+    """
+
+    def __init__(self, path: Path, row_group: int, metadata: Mapping[str, Any]) -> None:
+        self._path, self._part = path, path.with_name(f".{path.name}.part")
+        self._schema = arrow_schema(DATASET_COLUMNS, metadata)
+        floats = [name for name, column in DATASET_COLUMNS.items() if column.dtype is pl.Float32]
+        self._file: pq.ParquetWriter | io.BufferedWriter
+        if path.suffix == ".csv":
+            self._file = self._part.open("wb")
+            self._file.write((",".join(DATASET_COLUMNS) + "\n").encode())
+        else:
+            self._file = pq.ParquetWriter(
+                self._part,
+                self._schema,
+                compression="zstd",
+                use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
+                use_byte_stream_split=floats,
+            )
+        self._row_group = row_group
+        self._left = self._schema.empty_table()
+        self.rows = 0
+
+    def add(self, rows: pa.Table) -> None:
+        """Append the rows of whole episodes, which follow those added before in the order of their numbers."""
+        self._left = pa.concat_tables([self._left, rows.cast(self._schema)])
+        while self._left.num_rows >= self._row_group:
+            ends = np.append(np.flatnonzero(np.diff(self._left["count"].to_numpy())) + 1, self._left.num_rows)
+            end = int(ends[np.searchsorted(ends, self._row_group)])
+            self._flush(self._left.slice(0, end))
+            self._left = self._left.slice(end)
+
+    def _flush(self, rows: pa.Table) -> None:
+        if not rows.num_rows:
+            return
+        if isinstance(self._file, pq.ParquetWriter):
+            self._file.write_table(rows.combine_chunks())
+        else:
+            as_polars(rows).write_csv(self._file, include_header=False)
+        self.rows += rows.num_rows
+
+    def close(self) -> tuple[Path, int]:
+        """Finish the file, give it its name, and return that with its number of rows."""
+        self._flush(self._left)
+        self._file.close()
+        self._part.replace(self._path)
+        return self._path, self.rows
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._file.close()
+        self._part.unlink(missing_ok=True)
+        self._path.unlink(missing_ok=True)
 
 
 class DatasetWriter:
@@ -99,12 +161,16 @@ class DatasetWriter:
             paths = [place / f"{name}.{form}" for form in self._formats]
             self._tables[number, kept] = [EpisodeTable(path, self._row_group, metadata) for path in paths]
 
-    def write(self, number: int, block: EpisodeBlock) -> None:
-        """Write episodes of a scenario, filtered, which follow those written before in the order of their numbers."""
+    def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
+        """Write episodes of a scenario, filtered, which follow those written before in the order of their numbers.
+
+        :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`).
+        """
+        passed = np.repeat(records["reason"] == KEPT, records["rows"])
         for kept in (True, False):
             for table in self._tables.get((number, kept), []):
-                table.add(block.only(block.kept == kept))
-        self._records[number].append(block.records)
+                table.add(rows.filter(pa.array(passed == kept)))
+        self._records[number].append(records)
 
     def add(self, block: EpisodeBlock) -> None:
         """Apply the filters to episodes that come in any order; `close` writes them.
@@ -139,7 +205,7 @@ class DatasetWriter:
             if (again := np.diff(whole.records["count"]) == 0).any():
                 twice = whole.records["count"][int(again.argmax())]
                 raise InvalidInput(f"episode {twice} of scenario {number} came twice")
-            self.write(number, whole)
+            self.write(number, whole.records, arrow_rows(whole))
         files = {}
         for table in itertools.chain(*self._tables.values()):
             path, rows = table.close()

@@ -1,6 +1,5 @@
 """A dataset folder read back: its description, its index, its rows and its episodes, a row group at a time."""
 
-import itertools
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -12,15 +11,14 @@ import polars as pl
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_index import (
+from vpsci_ros.data.dataset_description import DESCRIPTION, FORM
+from vpsci_ros.data.dataset_tables import (
     DATASET_COLUMNS,
-    DESCRIPTION,
-    FORM,
     FORMATS,
     INDEX,
     INDEX_COLUMNS,
-    NEXT_PEDESTRIAN,
     REJECTED,
+    pieces,
 )
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_block import QUANTITIES
@@ -107,11 +105,8 @@ class Dataset:
     def _episodes(
         self, rows: pl.DataFrame, path: Path, scenario: int, listed: Mapping[Key, Listed]
     ) -> Iterator[Episode]:
-        count, starts, pedestrian = _starts(rows, path)
-        values = rows.select(QUANTITIES).to_numpy()
-        begins = np.append(starts[pedestrian == 0], len(count))
-        several = np.diff(np.append(np.flatnonzero(pedestrian == 0), len(starts)))
-        for (begin, end), people in zip(itertools.pairwise(begins.tolist()), several.tolist(), strict=True):
+        count, values = rows["count"].to_numpy(), rows.select(QUANTITIES).to_numpy()
+        for begin, end, people in pieces(rows, path):
             if (one := listed.get((scenario, int(count[begin])))) is not None:
                 columns = values[begin:end].reshape(people, -1, len(QUANTITIES)).transpose(2, 0, 1)
                 yield self._episode(one, columns.astype(np.float64))
@@ -184,17 +179,3 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
 
 
 _SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}
-
-
-def _starts(rows: pl.DataFrame, path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the episode of each row, the first row of each pedestrian, and the pedestrian's number.
-
-    :raises InvalidInput: frames that do not count from 0 for each pedestrian.
-    """
-    count, walker = rows["count"].to_numpy(), rows["ped_id"].to_numpy()
-    starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0]))
-    frame = np.arange(len(count)) - np.repeat(starts, np.diff(np.append(starts, len(count))))
-    if not np.array_equal(frame, rows["frame"].to_numpy()):
-        row = int(np.argmax(frame != rows["frame"].to_numpy()))
-        raise InvalidInput(f"{path}: frame {rows['frame'][row]} of episode {count[row]}: expected frame {frame[row]}")
-    return count, starts, walker[starts] // NEXT_PEDESTRIAN

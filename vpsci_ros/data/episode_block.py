@@ -1,12 +1,12 @@
-"""Many episodes that have ended, with what the filters say of each, for collector, filters, workers and files."""
+"""Episodes that run side by side, collected frame by frame, and blocks of those that have ended.
 
-import io
+The collector does not care where a tick comes from: a `World` in this process, messages of a running graph, or a bag.
+Its memory is one buffer of `batch` episodes, whatever the length of the run.
+"""
+
 import math
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,11 @@ RECORD = np.dtype(
 """What is known of an episode that ended; `apply_filters` adds what the filters say."""
 RANGES = ("", "within", "beyond")  # "": no recorded people act, or they are not known, or it is never critical
 
+_SLOT = np.dtype([("episode", "i8"), ("place", "i8"), ("scenario", "u1"), ("open", "?")], align=True)
+_PLACE = np.dtype(
+    [("episode", "i8"), ("frames", "i8"), ("scenario", "u1"), ("outcome", "u1"), ("pedestrian", "u1")], align=True
+)
+
 
 @dataclass(frozen=True)
 class EpisodeBlock:
@@ -96,16 +101,6 @@ class EpisodeBlock:
         records["rows"] = np.where(stored, records["rows"], 0)
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
 
-    def write(self, file: BinaryIO) -> None:
-        """Write the block as an NPZ file, each array with its checksum."""
-        np.savez(file, records=self.records, values=self.values)
-
-    def to_bytes(self) -> bytes:
-        """Return what `write` writes."""
-        file = io.BytesIO()
-        self.write(file)
-        return file.getvalue()
-
 
 def joined(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
     """Return the episodes of several blocks as one, in the order of their scenarios and numbers."""
@@ -116,30 +111,6 @@ def joined(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
         return EpisodeBlock(records, values)
     rows = np.split(values, ends[:-1])
     return EpisodeBlock(records[order], np.concatenate([rows[i] for i in order]))
-
-
-def block_from_bytes(data: bytes, where: str) -> EpisodeBlock:
-    """Read a block; `where` opens the error messages.
-
-    :raises InvalidInput: not a block, or damaged.
-    """
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            records, values = arrays["records"], arrays["values"]
-        if records.dtype != RECORD:
-            raise ValueError(f"expected records of {RECORD}, got {records.dtype}")
-        return EpisodeBlock(records, values)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise InvalidInput(f"{where}: damaged part of a dataset: {error!r}; remove it and generate again") from None
-
-
-# ---- Episodes gathered frame by frame while thousands of them run side by side, and given out whole as they end.
-#
-# The collector does not care where a tick comes from: a `World` in this process, messages of a running graph, or a
-# bag. Its memory is one buffer of `batch` episodes, whatever the length of the run.
-
-
-Floats32 = NDArray[np.float32]
 
 
 class EpisodeFrames:
@@ -153,7 +124,7 @@ class EpisodeFrames:
 
     def __init__(self, batch: int, frames: int = 256, waiting: int = 0) -> None:
         self._batch = batch
-        self._values: Floats32 = np.full((batch + waiting, frames, len(QUANTITIES)), np.nan, np.float32)
+        self._values: NDArray[np.float32] = np.full((batch + waiting, frames, len(QUANTITIES)), np.nan, np.float32)
         self._slots, self._places = np.zeros(batch, _SLOT), np.zeros(batch + waiting, _PLACE)
         self._slots["episode"] = -1  # no episode has this number
         self._free, self._ended = np.arange(batch + waiting), np.zeros(batch + waiting, np.int64)
@@ -214,12 +185,6 @@ class EpisodeFrames:
         self._ended = np.concatenate([self._ended, more])
         self._places = np.concatenate([self._places, np.zeros(len(more), _PLACE)])
         self._values = values
-
-
-_SLOT = np.dtype([("episode", "i8"), ("place", "i8"), ("scenario", "u1"), ("open", "?")], align=True)
-_PLACE = np.dtype(
-    [("episode", "i8"), ("frames", "i8"), ("scenario", "u1"), ("outcome", "u1"), ("pedestrian", "u1")], align=True
-)
 
 
 @kernel

@@ -20,8 +20,6 @@ from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import own_documents
 
-# ---- Parameters of stage 3 as a dataset.
-
 
 @dataclass(frozen=True)
 class DatasetConfig:
@@ -48,7 +46,7 @@ class Unit(NamedTuple):
 
     scenario: int
     numbers: Sequence[int]
-    file: Path | None = None  # where they are stored; None: they are handed back as bytes
+    file: Path | None = None  # of its part; None: the episodes are returned with their rows
 
     def __str__(self) -> str:
         return f"scenario {self.scenario} from {self.numbers[0]}"

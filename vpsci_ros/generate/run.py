@@ -10,81 +10,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_index import DESCRIPTION, FORMATS
-from vpsci_ros.data.episode_block import REASONS, EpisodeBlock
-from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
+from vpsci_ros.data.dataset_description import DESCRIPTION
+from vpsci_ros.data.dataset_tables import FORMATS
+from vpsci_ros.data.episode_block import KEPT, EpisodeBlock
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.plan import RECORD, DatasetPlan, Journal, ScenarioPlan, journal_of
+from vpsci_ros.generate.parts import FINISHED, Parts, parts_of
+from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.simulate import computing
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
-from vpsci_ros.runs.progress import LINE_EVERY, Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
-from vpsci_ros.runs.text_table import short_name
 from vpsci_ros.runs.workers import Workers, computed, local_workers
-from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.world import Scenario
-
-# ---- The datasheet of a generated dataset: content, origin and limits, in its own numbers.
-#
-# It is the folder's README.md. Its words are in `templates/datasheet.md`.
-
-
-_TEMPLATES = Path(__file__).resolve().parent / "templates"
-_NUMBERS = ("", "one", "two", "three", "four", "five", "six", "seven", "eight")
-
-
-def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> str:
-    """Return the datasheet as Markdown.
-
-    :param description: content of dataset.json.
-    :param scenarios: of the dataset.
-    """
-    rows, configuration = description["scenarios"], description["configuration"]
-    several = int(configuration["world_simulator"]["pedestrians"])
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=select_autoescape(),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template("datasheet.md").render(
-        d=description,
-        rows=rows,
-        kept=sum(row["kept"] for row in rows.values()),
-        simulated=sum(row["simulated"] for row in rows.values()),
-        collided=sum(row["kept_outcomes"]["collision"] for row in rows.values()),
-        early=description["all"]["with_early_collisions"],
-        right_turns=all(row["number"] in TABLE_10 for row in rows.values()),
-        people="one pedestrian" if several == 1 else f"one to {_NUMBERS[several]} pedestrians",
-        several=several > 1,
-        parked=[scenario.name for scenario in scenarios if len(scenario.parked)],
-        drivers=_drivers("All" if several > 1 else "Both", list(description["weights"])),
-        reasons=REASONS[1:],
-        table_10=TABLE_10,
-        published=LEAST_CURVTTC,
-        critical=CRITICAL_TTC,
-        number="{:,}".format,
-        seconds=lambda quartiles: ", ".join(f"{value:.2f}" for value in quartiles) + " s",
-    )
-
-
-def _drivers(everybody: str, learned: Sequence[str]) -> str:
-    """Return in words the agents that act by a policy while CurvTTC is critical."""
-    if not learned:
-        return f"{everybody} road users are rule-based"
-    return (
-        f"{everybody} road users are learned policies" if len(learned) > 1 else f"The {learned[0]} is a learned policy"
-    )
-
 
 UNIT = 1024  # episodes in a unit of work; small datasets have smaller ones
 PARALLEL = 1024  # episodes that a worker simulates side by side
@@ -105,7 +48,7 @@ class Generated:
     seconds: tuple[float, float]
 
 
-def simulators(job: Job, batch: int, count: int) -> Workers[Unit, tuple[int, bytes]]:
+def simulators(job: Job, batch: int, count: int) -> Workers[Unit, EpisodeBlock]:
     """Return `count` workers on this machine; one of them is this process itself."""
     return local_workers(partial(computing, job, batch), count)
 
@@ -114,7 +57,7 @@ def generate(
     job: Job,
     targets: Mapping[int, int],
     folder: Path,
-    workers: Callable[[], Workers[Unit, tuple[int, bytes]]],
+    workers: Callable[[], Workers[Unit, EpisodeBlock]],
     *,
     unit: int = UNIT,
     first: int = 0,
@@ -130,7 +73,7 @@ def generate(
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
     :param workers: called to start workers when a unit is missing.
     :param unit: most episodes in a unit of work of a new run.
-    :param formats: of `vpsci_ros.data.dataset_index.FORMATS`.
+    :param formats: of `vpsci_ros.data.dataset_tables.FORMATS`.
     :param report: called after each unit.
     :raises InvalidInput: `folder` has another content, or this dataset, damaged; or another process uses it.
     :raises VpsciError: a scenario keeps almost no episode, workers die repeatedly, or the disk is full.
@@ -143,33 +86,33 @@ def generate(
     }
     versions = {"versions": software_versions()}
     begin = time.monotonic()
-    with journal_of(folder, run | versions, min(unit, max(32, 2 * max(targets.values())))) as journal:
-        if journal is None:
+    with parts_of(folder, run | versions, min(unit, max(32, 2 * max(targets.values())))) as parts:
+        if parts is None:
             description = read_json(folder / DESCRIPTION)
             _require_whole(folder, description)
             return Generated(description, 0, (0.0, 0.0))
-        plan = DatasetPlan(targets, first, journal.unit)
+        plan = DatasetPlan(targets, first, parts.unit)
         for scenario in plan.scenarios.values():
-            _resume(scenario, journal)
+            _resume(scenario, parts)
         if not plan.complete:
             compile_kernels()
         try:
-            computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
+            computed = 0 if plan.complete else _compute(plan, parts, workers(), report)
             middle = time.monotonic()
-            description = _assemble(job, plan, journal, folder, formats, run)
+            description = _assemble(job, plan, parts, folder, formats, run)
             seconds = round(middle - begin, 3), round(time.monotonic() - middle, 3)
             write_record(
-                folder / RECORD,
+                folder / FINISHED,
                 begun=begin,
                 results={"episodes_computed": computed, "seconds": {"simulating": seconds[0], "writing": seconds[1]}},
                 inputs={policy.file: policy.digest for policy in job.policies.values()},
-                facts={"unit": journal.unit},
+                facts={"unit": parts.unit},
             )
         except OSError as error:
             raise VpsciError(
                 f"{folder}: cannot write ({error.strerror}); mend that and run the same command, which goes on"
             ) from error
-        journal.remove()
+        parts.remove()
     return Generated(description, computed, seconds)
 
 
@@ -186,28 +129,26 @@ def _require_whole(folder: Path, description: Mapping[str, Any]) -> None:
         )
 
 
-def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
-    finished = set(journal.finished(scenario.scenario))
+def _resume(scenario: ScenarioPlan, parts: Parts) -> None:
+    finished = set(parts.finished(scenario.scenario))
     place = 0
     while finished:
         unit = scenario.unit(place)
         place += 1
         finished.discard(unit.numbers[0])
-        if (block := journal.load(unit)) is not None:
-            scenario.take(unit, int(block.kept.sum()))
+        if (part := parts.load(unit)) is not None:
+            scenario.take(unit, _kept(part[0]))
 
 
-def _compute(
-    plan: DatasetPlan, journal: Journal, workers: Workers[Unit, tuple[int, bytes]], report: Report | None
-) -> int:
+def _compute(plan: DatasetPlan, parts: Parts, workers: Workers[Unit, EpisodeBlock], report: Report | None) -> int:
     def next_unit() -> Unit | None:
         unit = plan.next()
-        return unit._replace(file=journal.path(unit)) if unit is not None else None
+        return unit._replace(file=parts.path(unit)) if unit is not None else None
 
     episodes = 0
     try:
-        for unit, (kept, _) in computed(workers, next_unit):
-            plan.scenarios[unit.scenario].take(unit, kept)
+        for unit, block in computed(workers, next_unit):
+            plan.scenarios[unit.scenario].take(unit, _kept(block.records))
             episodes += len(unit.numbers)
             if report is not None:
                 report(plan)
@@ -219,7 +160,7 @@ def _compute(
 
 
 def _assemble(
-    job: Job, plan: DatasetPlan, journal: Journal, folder: Path, formats: Sequence[str], provenance: Mapping[str, Any]
+    job: Job, plan: DatasetPlan, parts: Parts, folder: Path, formats: Sequence[str], provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Write every file of the dataset, dataset.json last, and return its content.
 
@@ -236,64 +177,29 @@ def _assemble(
     ):
         for number in names:
             writer.begin(number)
-        list(threads.map(lambda number: _write(writer, plan.scenarios[number], journal), names))
+        list(threads.map(lambda number: _write(writer, plan.scenarios[number], parts), names))
         policies = {policy.file: policy.data for policy in job.policies.values()}
         return writer.close(beside=policies, datasheet=lambda found: datasheet(found, job.scenarios))
 
 
-def _write(writer: DatasetWriter, plan: ScenarioPlan, journal: Journal) -> None:
+def _write(writer: DatasetWriter, plan: ScenarioPlan, parts: Parts) -> None:
     missing = plan.target
     for place in range(plan.units_needed() or 0):
-        block = journal.load(plan.unit(place))
-        if block is None:
-            raise InvalidInput(f"{journal.path(plan.unit(place))}: damaged since it was written; generate again")
-        if (count := _up_to_kept(block, missing)) < len(block):
-            block = block.only(np.arange(len(block)) < count)
-        missing -= int(block.kept.sum())
-        writer.write(plan.scenario, block)
+        part = parts.load(plan.unit(place))
+        if part is None:
+            raise InvalidInput(f"{parts.path(plan.unit(place))}: damaged since it was written; generate again")
+        records, rows = part
+        records = records[: _up_to_kept(records, missing)]
+        missing -= _kept(records)
+        writer.write(plan.scenario, records, rows.slice(0, int(records["rows"].sum())))
 
 
-def _up_to_kept(block: EpisodeBlock, wanted: int) -> int:
-    """Return how many episodes of the block there are up to the `wanted`th kept one, or all."""
-    places = np.flatnonzero(block.kept)
-    return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(block)
+def _kept(records: NDArray[np.void]) -> int:
+    """Return how many of RECORD[n] pass every filter."""
+    return int((records["reason"] == KEPT).sum())
 
 
-# ---- Progress of a run: a bar for each scenario with kept, rejected, acceptance, rate and time left.
-
-
-class ProgressOfRun(Bars):
-    """A bar for each scenario; without a terminal a line for all at intervals and at the end.
-
-    :param names: of the scenarios by number.
-    """
-
-    def __init__(self, names: dict[int, str], *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
-        super().__init__(quiet=quiet, interval=interval)
-        self._names = names
-        self._before: dict[int, int] | None = None
-
-    def __enter__(self) -> "ProgressOfRun":
-        super().__enter__()
-        return self
-
-    def show(self, plan: DatasetPlan) -> None:
-        """Update the display."""
-        if self._before is None:  # what an earlier run had done does not count for this one's rate
-            self._before = {number: _counted(scenario) for number, scenario in plan.scenarios.items()}
-        hours = max(1e-3, time.monotonic() - self._begun) / 3600.0
-        kept = simulated = wanted = 0
-        for number, scenario in plan.scenarios.items():
-            done = _counted(scenario)
-            kept, simulated, wanted = kept + done, simulated + scenario.simulated, wanted + scenario.target
-            rejected = scenario.simulated - scenario.kept
-            rate = (done - self._before[number]) / hours
-            note = f"kept, {rejected:,} rejected, {scenario.acceptance:.0%} pass, {rate:,.0f}/h"
-            self.bar(short_name(self._names[number]), done, scenario.target, note)
-        rate = (kept - sum(self._before.values())) / hours
-        self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h", now=plan.complete)
-
-
-def _counted(scenario: ScenarioPlan) -> int:
-    """Return the kept episodes of a scenario, at most its target."""
-    return min(scenario.kept, scenario.target)
+def _up_to_kept(records: NDArray[np.void], wanted: int) -> int:
+    """Return how many of RECORD[n] there are up to the `wanted`th kept one, or all."""
+    places = np.flatnonzero(records["reason"] == KEPT)
+    return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(records)

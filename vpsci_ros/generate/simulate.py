@@ -5,24 +5,18 @@ and cost about a tenth of the time, and to end them needs a proof that CurvTTC s
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.run_record import node_record
-from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, joined
 from vpsci_ros.data.filters import apply_filters
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.verify import job_of
-from vpsci_ros.parameters import values_of
+from vpsci_ros.generate.parts import write_part
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
 from vpsci_ros.policy.onset_range import onsets_in, ranges
 from vpsci_ros.policy.policy_file import policy_from_bytes
-from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
@@ -81,40 +75,15 @@ def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
     return EpisodeBlock(records, block.values)
 
 
-def computing(job: Job, batch: int) -> Callable[[Unit], tuple[int, bytes]]:
-    """Return a function that computes a unit: the number of kept episodes, and its bytes if it wrote no file."""
+def computing(job: Job, batch: int) -> Callable[[Unit], EpisodeBlock]:
+    """Return a function that computes a unit; the rows of a unit with a file are written there and not returned."""
     simulator = Simulator(job, batch)
 
-    def compute(unit: Unit) -> tuple[int, bytes]:
+    def compute(unit: Unit) -> EpisodeBlock:
         block = simulator.run(unit)
-        kept = int(block.kept.sum())
         if unit.file is None:
-            return kept, block.to_bytes()
-        with atomic_write(unit.file) as path, path.open("wb") as file:
-            block.write(file)
-        return kept, b""
+            return block
+        write_part(unit.file, block)
+        return EpisodeBlock(block.records, block.values[:0].copy())
 
     return compute
-
-
-# ---- Chosen episodes of a dataset as a bag: simulated again.
-
-
-def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) -> int:
-    """Write episodes of a dataset to a bag and return the number of ticks.
-
-    :param episodes: (scenario number, episode number), kept or not.
-    :raises InvalidInput: no dataset of `generate`, an unknown scenario, or `bag` is not empty.
-    """
-    job = job_of(Dataset(folder))
-    known = [scenario.number for scenario in job.scenarios]
-    for scenario, _ in episodes:
-        if scenario not in known:
-            raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
-    run = {"seed": job.seed, "scenarios": sorted({scenario for scenario, _ in episodes}), "batch": 1}
-    nodes = [node_record("world_simulator", values_of(job.world) | run | {"queue": [list(each) for each in episodes]})]
-    nodes.append(node_record("safety_monitor", {}))
-    for agent, policy in job.policies.items():
-        nodes.append(node_record(f"{agent}_policy", values_of(policy.config), policy.digest))
-    scenarios = [scenario for scenario in job.scenarios if scenario.number in {number for number, _ in episodes}]
-    return write_ticks(Simulator(job, 1).loop(episodes), job.world, bag, {}, nodes, scenarios)

@@ -14,17 +14,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_index import (
-    DESCRIPTION,
-    FORM_OF_GENERATED,
-    FORMATS,
-    INDEX,
-    REJECTED,
-    episode_rows,
-    index_table,
-)
+from vpsci_ros.data.dataset_description import DESCRIPTION, FORM_OF_GENERATED
 from vpsci_ros.data.dataset_reader import Dataset, file_table
-from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes, joined
+from vpsci_ros.data.dataset_tables import FORMATS, INDEX, REJECTED, episode_rows, index_table
+from vpsci_ros.data.episode_block import EpisodeBlock, joined
 from vpsci_ros.documents import listed, reason, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
@@ -68,7 +61,7 @@ class VerifiedDataset:
 
 def verify(
     folder: Path,
-    workers: Callable[[Job], Workers[Unit, tuple[int, bytes]]],
+    workers: Callable[[Job], Workers[Unit, EpisodeBlock]],
     *,
     sample: int | None = None,
     tolerance: float = 0.0,
@@ -134,10 +127,10 @@ def _numbers(data: Dataset, scenario: str) -> NDArray[np.int64]:
     return np.arange(first, first + count)
 
 
-def _simulated(pool: Workers[Unit, tuple[int, bytes]], scenario: int, numbers: NDArray[np.int64]) -> EpisodeBlock:
+def _simulated(pool: Workers[Unit, EpisodeBlock], scenario: int, numbers: NDArray[np.int64]) -> EpisodeBlock:
     units = (Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK))
     results = computed(pool, lambda: next(units, None))
-    return joined([block_from_bytes(data, "a block just simulated") for _, (_, data) in results])
+    return joined([block for _, block in results])
 
 
 def _difference(

@@ -17,7 +17,7 @@ from vpsci_ros.bags.episodes import read_episodes as read_bag_episodes
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.gathered import group_of

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.data.dataset_index import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.run import Options, export
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_index import DATASET_COLUMNS, agent_ids
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, agent_ids
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.extras.formats.movers import movers
 from vpsci_ros.extras.formats.run import Options

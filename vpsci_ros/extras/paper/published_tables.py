@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_index import DATASET_COLUMNS, NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput

@@ -16,8 +16,8 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
-from vpsci_ros.data.dataset_index import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.published import TABLE_10
 from vpsci_ros.documents import read_json
