@@ -11,7 +11,6 @@ import rclpy
 from nav_msgs.msg import Odometry
 
 from vpsci_ros.nodes import example_ads, example_driver
-from vpsci_ros.nodes.convert import yaw_quaternion
 from vpsci_ros.nodes.example_driver import ExampleDriver, Mover
 
 
@@ -28,7 +27,6 @@ def odometry(x: float, speed: float, tick: int) -> Odometry:
     message = Odometry()
     message.header.stamp.nanosec = 50_000_000 * tick
     message.pose.pose.position.x, message.twist.twist.linear.x = x, speed
-    message.pose.pose.orientation = yaw_quaternion(0.0)
     return message
 
 

@@ -4,12 +4,13 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.markers import SceneMarkers, scene_markers
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import rewritten
 from vpsci_ros.wire.header import WireHeader, whole_words
+from vpsci_ros.wire.markers import write_markers
 from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.tick import NO_ACTIONS
@@ -22,7 +23,6 @@ def serialized(kind: str, message: object) -> bytes:
 def test_views_of_every_scenario_are_the_bytes_of_their_messages() -> None:
     scenarios = load_scenarios([1, 2, 3, 4, 5, 6, 7, 8, 101])
     numbered = {scenario.number: scenario for scenario in scenarios}
-    scene = SceneMarkers(numbered)
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", pedestrians=2)
     for number in numbered:
         world = World(config, scenarios, [(number, 3)], 1, 5)
@@ -43,7 +43,8 @@ def test_views_of_every_scenario_are_the_bytes_of_their_messages() -> None:
             assert transforms == serialized("tf2_msgs/msg/TFMessage", read)
             assert [each.child_frame_id for each in read.transforms] == ["vehicle/base_link", "a/pedestrian/base_link"]
             assert [each.transform.translation.x for each in read.transforms] == [motion.x for motion in motions[:2]]
-            assert scene.written(state, motions, header) == serialized(
-                "visualization_msgs/msg/MarkerArray", scene_markers(state, numbered, message)
-            )
+            markers = write_markers(state, motions, numbered, header)
+            read = deserialize_message(markers, MarkerArray)
+            assert markers == serialized("visualization_msgs/msg/MarkerArray", read)
+            assert all(each.header == message for each in read.markers)
             world.advance(world.now.unassessed(), NO_ACTIONS)

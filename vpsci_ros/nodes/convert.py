@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Quaternion, TransformStamped
+from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
@@ -86,11 +86,6 @@ def fixed_transforms(prefix: str = "") -> TFMessage:
     axle.transform.translation.x = -0.5 * WHEELBASE
     axle.transform.rotation.w = 1.0
     return TFMessage(transforms=[axle])
-
-
-def yaw_quaternion(yaw: float) -> Quaternion:
-    """Return the rotation by `yaw` [rad] about z."""
-    return Quaternion(z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2)))
 
 
 def diagnostics_message(node: str, reported: NodeStatus, at: Time) -> DiagnosticArray:

@@ -8,10 +8,10 @@ from std_msgs.msg import String
 
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.markers import SceneMarkers
 from vpsci_ros.resources import robot_description
 from vpsci_ros.wire.header import WireHeader, write_clock
 from vpsci_ros.wire.layout import EVENTS, MAP, PlanarMotion, motion_of
+from vpsci_ros.wire.markers import write_markers
 from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
@@ -57,7 +57,7 @@ class WorldOutputs:
         self.all = [self._time, self._state, self._event, *self._replay, *self._moving, *self._drawn, *self._fixed]
         for agent in AGENTS if one else ():
             node.output(f"/{agent}/robot_description").publish_now(String(data=robot_description(agent)))
-        self._markers = SceneMarkers(scenarios)
+        self._scenarios = scenarios
         self._fixed_published = False  # with the first tick, when a recorder is there
         warm_up()
 
@@ -82,7 +82,7 @@ class WorldOutputs:
             movers = _movers(tick.state)
             self._publish_motion(tick.state, movers, header)
             for output in self._drawn:
-                output.publish(self._markers.written(tick.state, movers, header))
+                output.publish(write_markers(tick.state, movers, self._scenarios, header))
 
     def repeat(self, tick: Tick) -> None:
         """Publish odometry and transforms of a tick once more, for readers that were not subscribed yet."""

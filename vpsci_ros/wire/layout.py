@@ -64,11 +64,7 @@ _TRANSITION = _shapes("Transition", TRANSITION)
 _AFTER = {name: _TRANSITION.pop(name) for name in tuple(_TRANSITION) if name.startswith("next_")}
 """Fields that only the last step of a history has: the others find them in the next transition."""
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
-NUMBERS = ("kind", "pedestrian", "pedestrians")  # which WorldStates of before November 2026 lack
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
-
-
-# ---- what a message's fields hold
 
 
 def world_state_fields(state: Array, policy_frame: Array) -> dict[str, Array]:
@@ -124,9 +120,6 @@ def motion_of(record: np.void, agent: str) -> PlanarMotion:
         return PlanarMotion(x, y, yaw, float(speed), yaw_rate)
     vx, vy = float(record["pedestrian_vx"]), float(record["pedestrian_vy"])
     return PlanarMotion(x, y, float(np.arctan2(vy, vx)), float(np.hypot(vx, vy)), 0.0)
-
-
-# ---- what a message says
 
 
 def values(field: array[Any] | Array) -> Array:

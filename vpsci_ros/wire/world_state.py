@@ -6,7 +6,7 @@ read and 7 us to write a state of one episode, where rosbags' CDR takes 55 and 1
 """
 
 import struct
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import WireHeader, read_start, write_start
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import ENDED, EPISODE, IDLE
+from vpsci_ros.world.state import ENDED, EPISODE
 from vpsci_ros.world.tick import Tick
 
 _REST = struct.Struct("<dI")  # dt, length of the first sequence
@@ -44,10 +44,10 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
     :param definition: of the type, where the bytes are of a bag, which holds it; empty: this package's.
     :raises InvalidInput: the bytes are not as ROS writes them or of another version, the sequences differ in length or
         are empty, an unknown status, or a number that is not finite or beyond `FARTHEST`.
-
-    A bag of before November 2026, whose states do not say which pedestrian is which, is read where episodes have one.
     """
-    names, sizes, places = _fields(definition or layout.own_definition("WorldState"), where)
+    if definition:
+        _require_own(definition, where)
+    names, sizes, places = _fields()
     header, number, at = read_start(data, where)
     if at + _REST.size > len(data):
         raise InvalidInput(f"{where}: {len(data)} bytes, which end before the first sequence of a WorldState")
@@ -66,8 +66,6 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
             "; are two graphs in one domain, or is the bag damaged?"
         )
     records = state.view(EPISODE)
-    if not set(layout.NUMBERS) <= set(names):
-        _number_one(records, where)
     if not _in_range(records):  # at every tick, so one compiled look at all; this one finds out what is wrong
         _require_range(records, where)
     return SerializedState(header, Tick(number, records, frame), period)
@@ -76,7 +74,7 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
 def write_world_state(world: SerializedState) -> bytes:
     """Return a WorldState with this content, serialized."""
     state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
-    _, sizes, places = _fields(layout.own_definition("WorldState"), WORLD)
+    _, sizes, places = _fields()
     start = write_start(world.header, world.tick.number) + _REST.pack(world.period, count)
     # with room for lengths and padding
     words = np.zeros((len(start) + count * int(sizes.sum())) // 4 + 4 * len(sizes), np.uint32)
@@ -93,38 +91,25 @@ def warm_up() -> None:
     read_world_state(write_world_state(SerializedState(WireHeader(0, 0, ""), tick, 1.0)))
 
 
-@lru_cache(maxsize=16)
-def _fields(definition: str, where: str) -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the sequences of a WorldState of this definition: names, bytes of a value, its places in EPISODE records.
-
-    :raises InvalidInput: it has other ones than this package's.
-    """
-    wanted, given = layout.sequences(layout.own_definition("WorldState")), layout.sequences(definition)
-    odd = sorted(given.items() ^ wanted.items())
-    if dict(odd).keys() not in (set(), set(layout.NUMBERS)):
-        raise InvalidInput(
-            f"{where}: a WorldState of another version, which differs in {', '.join(dict(odd))}; read it with the "
-            "version of vpsci_ros that wrote it"
-        )
+@cache
+def _fields() -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the sequences of a WorldState: names, bytes of a value, its places in EPISODE records."""
+    sequences = layout.sequences(layout.own_definition("WorldState"))
     offsets = {name: int(field[1]) for name, field in dict(EPISODE.fields or {}).items()}
-    sizes = np.array([np.dtype(kind).itemsize for kind in given.values()])
-    return tuple(given), sizes, np.array([offsets.get(name, _FRAME) for name in given])
+    sizes = np.array([np.dtype(kind).itemsize for kind in sequences.values()])
+    return tuple(sequences), sizes, np.array([offsets.get(name, _FRAME) for name in sequences])
 
 
-def _number_one(state: NDArray[np.void], where: str) -> None:
-    """Set the number of pedestrians, EPISODE[B], where every episode has one.
-
-    :raises InvalidInput: two slots in a row are of one episode.
-    """
-    here = state["status"] != IDLE
-    again = here[1:] & here[:-1]
-    for name in ("scenario", "episode"):
-        again &= state[name][1:] == state[name][:-1]
-    if again.any():
+@lru_cache(maxsize=16)
+def _require_own(definition: str, where: str) -> None:
+    """Refuse a definition of WorldState that has other sequences than this package's; `where` opens the message."""
+    given, wanted = (layout.sequences(text) for text in (definition, layout.own_definition("WorldState")))
+    if list(given.items()) != list(wanted.items()):
+        odd = ", ".join(dict(sorted(given.items() ^ wanted.items()))) or "the order of its fields"
         raise InvalidInput(
-            f"{where}: a WorldState of before November 2026, which does not say which pedestrian is which; record again"
+            f"{where}: a WorldState of another version, which differs in {odd}; read it with the version of vpsci_ros "
+            "that wrote it"
         )
-    state["pedestrians"] = here
 
 
 def _require_range(state: NDArray[np.void], where: str) -> None:
