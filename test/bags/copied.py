@@ -10,6 +10,11 @@ from vpsci_ros.wire.decoder import known_types
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 
 
+def received(time: int) -> int:
+    """Return when the copying tool received what is logged at `time`, both in [ns]."""
+    return 1_700_000_000 * 10**9 + time // 2
+
+
 def copied(bag: Path, folder: Path, topics: tuple[str, ...] = ODOMETRY, *, untimed: int = 0) -> Path:
     """Record these topics again as `ros2 bag record` does, with receipt times that run twice as fast.
 
@@ -22,7 +27,7 @@ def copied(bag: Path, folder: Path, topics: tuple[str, ...] = ODOMETRY, *, untim
     for number, raw in enumerate(Bag(bag).messages(topics, ordered=True)):
         if raw.topic not in connections:
             connections[raw.topic] = writer.add_connection(raw.topic, raw.type, typestore=store)
-        time = 0 if number < untimed else 1_700_000_000 * 10**9 + raw.time // 2
+        time = 0 if number < untimed else received(raw.time)
         writer.write(connections[raw.topic], time, raw.data)
     writer.close()
     return folder

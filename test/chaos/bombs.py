@@ -50,7 +50,7 @@ def _device(folder: Path) -> Read:
     return partial(bag_info, folder)
 
 
-def _packed(compression: CompressionType, recover: bool, folder: Path) -> Read:
+def packed(compression: CompressionType, recover: bool, folder: Path) -> Read:
     with (folder / "bag_0.mcap").open("wb") as file:
         writer = Writer(file, chunk_size=2**23, compression=compression)
         writer.start(profile="ros2", library="")
@@ -140,8 +140,8 @@ BOMBS: dict[str, Callable[[Path], Read]] = {
     "a pipe as parameters": partial(_pipe, "a.yaml", load),
     "a pipe as a description": partial(_pipe, DESCRIPTION, lambda path: Dataset(path.parent)),
     "a pipe as tracks": partial(_pipe, "a.csv", lambda path: import_trajectories(path.parent, "described")),
-    "a bag of lz4": partial(_packed, CompressionType.LZ4, False),
-    "a bag of zstd": partial(_packed, CompressionType.ZSTD, False),
+    "a bag of lz4": partial(packed, CompressionType.LZ4, False),
+    "a bag of zstd": partial(packed, CompressionType.ZSTD, False),
     "a long document": _document,
     "many equal rows": _rows,
     "a text in every row": _texts,

@@ -46,7 +46,7 @@ def test_of_a_bag_with_a_bomb_in_it_the_rest_is_recovered(
     compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("vpsci_ros.bags.mcap_file.LARGEST_CHUNK", 2**20)
-    assert bombs._packed(bombs.CompressionType[compression], True, tmp_path)() == []
+    assert bombs.packed(bombs.CompressionType[compression], True, tmp_path)() == []
 
 
 def test_a_topic_whose_name_a_terminal_obeys_is_printed_escaped(tmp_path: Path) -> None:

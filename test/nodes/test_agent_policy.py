@@ -16,17 +16,18 @@ from vpsci_ros.world import EPISODE, RUNNING
 
 
 class Session(Stage):
-    """A vehicle policy that answers, and a reader of its answers."""
+    """A vehicle policy that answers, and a reader of its answers; where it has `begun`, it has answered tick 0."""
 
-    def __init__(self, context: Context, weights: str) -> None:
+    def __init__(self, context: Context, weights: str, *, begun: bool = True) -> None:
         self.answered: list[int] = []
         self.policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights, seed=1))
         super().__init__(context, self.policy, peer="world_simulator")
         self.peer.create_subscription(AgentAction, "vehicle/action", lambda m: self.answered.append(m.tick), LOCK_STEP)
         self.offered(self.policy)
-        self.state(0)
-        self.safety(0)
-        self.spin_until(lambda: self.answered == [0])
+        if begun:
+            self.state(0)
+            self.safety(0)
+            self.spin_until(lambda: self.answered == [0])
 
     def state(self, tick: int, controlled: int = 0) -> None:
         """Send `/world/state`: one episode, at a policy frame at every other tick."""
@@ -89,8 +90,7 @@ def test_it_says_when_it_is_ready_and_once_a_world_from_when_on_it_answers(
 def test_a_policy_that_was_not_there_at_a_hand_over_ends_with_the_episode_s_name(
     context: Context, weights: str, closed: Callable[[Any], Any]
 ) -> None:
-    session = closed(Session(context, weights))
-    session.policy._known = -1
+    session = closed(Session(context, weights, begun=False))
     session.state(8, controlled=1)
     with pytest.raises(VpsciError, match=r"tick 8: episode 0:0 was handed over before this policy"):
         session.safety(8)

@@ -14,13 +14,14 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 
+from vpsci_msgs.msg import SafetyState
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import SECTIONS
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
-from vpsci_ros.nodes.topics import LOCK_STEP
+from vpsci_ros.nodes.topics import LOCK_STEP, TOPICS
 from vpsci_ros.parameters import read_parameter_file
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.resources import params_dir
@@ -109,7 +110,7 @@ def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every
 def test_the_first_message_waits_for_the_expected_readers_and_not_for_others_in_their_place(context: Context) -> None:
     node = GraphNode("safety_monitor", context=context, parameter_overrides=[override("peers", ["world_simulator"])])
     output = node.output("/safety/state")
-    kind = output._publisher.msg_type
+    kind = TOPICS["/safety/state"].type
     assert output.expected == ["world_simulator"]
     received = threading.Event()
     driving_system, reader = (rclpy.create_node(name, context=context) for name in ("ads", "world_simulator"))
@@ -155,10 +156,10 @@ def test_a_node_that_ends_waits_until_the_recorder_has_what_it_said(context: Con
     try:
         assert reader.stdout is not None
         assert "matched\n" in reader.stdout  # after what Fast DDS may have said of ports that others just opened
-        output.publish(output._publisher.msg_type(tick=1))
+        output.publish(SafetyState(tick=1))
         assert output.flush(20.0), "both sides know of each other"
         reader.send_signal(signal.SIGSTOP)
-        output.publish(output._publisher.msg_type(tick=2))
+        output.publish(SafetyState(tick=2))
         assert not output.flush(0.2)
         # Beside this process: a thread of it would wait for the interpreter.
         with subprocess.Popen(["sh", "-c", f"sleep 0.3; kill -CONT {reader.pid}"]):

@@ -75,8 +75,9 @@ def test_a_recorder_alone_learns_who_is_there_and_records_what_comes(context: Co
     here.spin_until(lambda: events.get_subscription_count() > 0)
     for message in (event(3, EpisodeEvent.STARTED), event(90, EpisodeEvent.ENDED, 2)):
         events.publish(message)
-    row = recorder._bag.topics["/episode/event"]
-    here.spin_until(lambda: row.messages == 2 and "safety_monitor" not in recorder._peer_parameters.missing)
+    here.spin_until(
+        lambda: recorder.figures()["episodes"] == 1 and "safety_monitor" not in recorder._peer_parameters.missing
+    )
     recorder.close()
     run = bag_run(Bag(tmp_path / "bag"))
     assert run.parameters["safety_monitor"]["peers"] == []

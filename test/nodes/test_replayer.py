@@ -101,7 +101,7 @@ def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
 
 def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, own_bag: Path) -> None:
     player.play(own_bag, paused=True)
-    player.spin_until(lambda: player.replayer._begun)
+    player.spin_until(lambda: player.replayer.state == "paused")
     for tick in range(1, 4):
         response = player.call(Trigger, "replayer/step")
         assert response.success
@@ -115,8 +115,8 @@ def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, own_b
 
 def test_the_rate_sets_the_pace_and_changes_on_the_way(player: Player, own_bag: Path) -> None:
     player.play(own_bag, rate=0.001)
-    player.spin_until(lambda: player.replayer._begun and len(player.heard["/world/state"]) == 1)
-    assert player.replayer._sent < 10  # the second tick is 50 s away
+    player.spin_until(lambda: player.replayer.state == "playing" and len(player.heard["/world/state"]) == 1)
+    assert player.replayer.figures()["messages_published"] < 10  # the second tick is 50 s away
     (result,) = player.replayer.set_parameters([Parameter("rate", value=0.0)])
     assert result.successful
     player.to_the_end({"/world/state": len(recorded(own_bag, "/world/state"))})

@@ -133,8 +133,6 @@ class Refiner:
         self._objective = find_objective(config.objective).refine(training_of, config)
         self._acting = self._actors()
 
-    # ---- experience in
-
     def add(self, transitions: NDArray[np.void]) -> None:
         """Take transitions in that came by `/replay`, TRANSITION[n], in the order of their numbers.
 
@@ -174,8 +172,6 @@ class Refiner:
         An episode counts if there was an update since the last one that did.
         """
         return self.progress.calm >= CALM_EPISODES
-
-    # ---- learning
 
     @one_thread()
     def update(self) -> dict[str, float]:
@@ -222,8 +218,6 @@ class Refiner:
     def _reward_weights_by_name(self) -> dict[str, float]:
         names = [f"{agent}_w_{part}" for agent in AGENTS for part in ("collision", "goal", "speed")]
         return dict(zip(names, self.reward_weights.values.ravel().tolist(), strict=True))
-
-    # ---- weights out
 
     def current(self) -> Weights:
         """Return the actors that act, as of the last refresh, and the critics as they are."""
@@ -313,8 +307,6 @@ class Refiner:
             "seed": self._facts["seed"],
             "data": self._facts["data"],
         }
-
-    # ---- inside
 
     def _note(self, result: UpdateResult, batch: Batch) -> None:
         progress = self.progress

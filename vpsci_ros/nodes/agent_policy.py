@@ -114,8 +114,6 @@ class AgentPolicy(GraphNode):
         self._take_up(agent, weights, version)
         self.get_logger().info(f"acts with weights of version {version}")
 
-    # ---- acting
-
     def _answer(self) -> None:
         arrived = time.perf_counter()
         safety = self._safety

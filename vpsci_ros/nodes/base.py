@@ -161,8 +161,6 @@ class GraphNode(Node, metaclass=_Destroying):
         """
         return self.create_timer(period, callback, clock=self._wall_clock)
 
-    # ---- what it reports of itself
-
     @property
     def state(self) -> str:
         """The node's state for its status, in one or two words."""

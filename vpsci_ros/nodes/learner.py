@@ -56,8 +56,6 @@ class Learner(GraphNode):
         """Return the latest value of every number of its progress."""
         return self._figures
 
-    # ---- stage 1
-
     def _pretrain(self) -> None:
         if not self.diagnostics.found():
             return  # until then, the executor is free to reply to a recorder's request for the parameters
@@ -92,8 +90,6 @@ class Learner(GraphNode):
     def _report_pretraining(self, progress: dict[str, float]) -> None:
         self._report(progress)
         self.stop.check()
-
-    # ---- stage 2
 
     def _begin_refining(self) -> Refiner:
         weights = load_weights(self._config.start())
@@ -142,8 +138,6 @@ class Learner(GraphNode):
         message.header.stamp = self.simulated_time
         message.safetensors.frombytes(refiner.weights())
         self._weights.publish(message)
-
-    # ---- both
 
     def _report(self, values: dict[str, float], last: bool = False) -> None:
         """Publish the latest value of every name, now and then."""

@@ -103,8 +103,6 @@ class Replayer(GraphNode):
     def _read(self, bag: Bag, start: int) -> Iterator[RawMessage]:
         return bag.messages(self._outlets, start, ordered=True)
 
-    # ---- pace
-
     def _on_timer(self) -> None:
         if not self._begun:
             self._begin_when_readers_are_found()
@@ -162,12 +160,11 @@ class Replayer(GraphNode):
         self._sent += 1
         self._next = next(self._messages, None)
 
-    # ---- services
-
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
         self._restart_pace()
-        response.success, response.message = True, f"{self.state} at {self._at * 1e-9:.3f} s"
+        now = "paused" if self._paused else "playing"
+        response.success, response.message = True, f"{now} at {self._at * 1e-9:.3f} s"
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -184,8 +181,8 @@ class Replayer(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether it plays, is paused, or waits."""
-        return "paused" if self._paused else "waiting for readers" if not self._begun else "playing"
+        """Whether it waits for readers, is paused, or plays."""
+        return "waiting for readers" if not self._begun else "paused" if self._paused else "playing"
 
     def figures(self) -> dict[str, Any]:
         """Return how many messages were published, and the recorded time [s] of the last one."""

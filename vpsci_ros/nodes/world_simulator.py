@@ -106,8 +106,6 @@ class WorldSimulator(GraphNode):
         """The nodes that the first tick, or the present one, waits for."""
         return sorted(self._awaited)
 
-    # ---- pace
-
     def _set_pace(self) -> None:
         """Set the timer by which ticks are due in wall time; a late tick delays no later one."""
         if self._pacer:
@@ -125,8 +123,6 @@ class WorldSimulator(GraphNode):
         """Apply the real-time factor and the timeout that were set on the running node."""
         self._lock_step.config = self.config(SimulatorConfig)
         self._set_pace()
-
-    # ---- services
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin the queue again; ticks and simulated time go on, so that no peer and no bag sees time run backwards."""
@@ -158,8 +154,6 @@ class WorldSimulator(GraphNode):
             paused = self._lock_step.paused
             response.message = "the world stands still" if paused else "not paused: call /world/pause first"
         return response
-
-    # ---- the loop
 
     def _on_timer(self) -> None:
         if self._lock_step.tick is None:
@@ -267,8 +261,6 @@ class WorldSimulator(GraphNode):
     def _count_unread(self) -> None:
         assert self._builder is not None
         self._lock_step.unread = self._builder.count - self._consumed
-
-    # ---- what is reported beside the topics
 
     def figures(self) -> dict[str, Any]:
         """Return the rate of ticks by the wall clock, and how far the learner is behind."""

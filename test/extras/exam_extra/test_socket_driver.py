@@ -90,6 +90,9 @@ def test_what_is_no_answer_to_the_tick_loses_its_episode(tmp_path: Path, act: st
     assert said in failures[0]
 
 
+SEEN: Any = Observation(0.0, MOTION, (), 9.0, 9.0, *[np.zeros(1)] * 2, None)  # type: ignore[arg-type]
+
+
 def a_driver(patience: float) -> tuple[SocketDriver, socket.socket]:
     """Return a driver, and the other end of its connection."""
     mine, theirs = socket.socketpair()
@@ -99,15 +102,15 @@ def a_driver(patience: float) -> tuple[SocketDriver, socket.socket]:
 def test_a_silent_system_and_one_that_floods_are_given_up_once_and_for_all() -> None:
     silent, theirs = a_driver(0.01)
     with theirs:
-        for ask in (silent._line, lambda: silent._send({})):
+        for _ in range(2):
             with pytest.raises(InvalidInput, match=r"no answer for 0\.01 s"):
-                ask()
+                silent.act(SEEN)
     flooded, theirs = a_driver(5.0)
     with theirs:
-        sender = threading.Thread(target=theirs.sendall, args=(b"1" * 70_000,))
+        sender = threading.Thread(target=lambda: theirs.recv(65_536) and theirs.sendall(b"1" * 70_000))
         sender.start()
         with pytest.raises(InvalidInput, match="more than 65536 bytes without an end of line"):
-            flooded._line()
+            flooded.act(SEEN)
         sender.join()
 
 
@@ -117,7 +120,7 @@ def test_a_system_that_answers_ahead_of_the_tick_is_given_up() -> None:
         theirs.sendall(b'{"tick": 0, "command": 1.0}\n{"tick": 1, "command": 1.0}\n')
         for _ in range(2):
             with pytest.raises(InvalidInput, match='it answered before it was sent the tick: \'{"tick": 0'):
-                driver.act(Observation(0.0, MOTION, (), 9.0, 9.0, *[np.zeros(1)] * 2, None))  # type: ignore[arg-type]
+                driver.act(SEEN)
 
 
 def test_who_does_not_connect_in_time_has_not_driven_and_a_port_in_use_is_said_so(tmp_path: Path) -> None:
