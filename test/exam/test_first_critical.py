@@ -11,8 +11,9 @@ from vpsci_ros.exam.conduct import episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import autopilot_run
-from vpsci_ros.exam.measures import RunResult, episode_table, episodes_of
-from vpsci_ros.exam.report import Conduct, make_report
+from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.report import make_report
+from vpsci_ros.exam.result import Conduct, RunResult, episodes_of
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios

@@ -14,10 +14,11 @@ import pytest
 
 from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.kept import read_kept
+from vpsci_ros.data.episode_file import FRAMES
+from vpsci_ros.data.episode_file import read_episodes as read_episode_file
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import in_process
-from vpsci_ros.exam.conduct import run_with
+from vpsci_ros.exam.conduct import read_run, run_with
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import read_exam, run_exam
 from vpsci_ros.resources import params_dir
@@ -52,14 +53,17 @@ def mine(act: str) -> str:
 def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     driven: Path, small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = read_kept(driven / "runs" / "walker" / "episodes.npz")
+    whole = read_episode_file(driven / "runs" / "walker" / FRAMES)
     assert [episode.name for episode in whole] == ["1:0", "1:1", "104:0", "104:1"]
     assert not list(driven.rglob("*.mcap"))
     alone = run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True).episodes
     monkeypatch.setattr(in_process, "SIDE_BY_SIDE", 3)
     three = run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True).episodes
     recorded = sorted(read_episodes(tmp_path / "alone" / "runs" / "walker" / "bag"), key=lambda episode: episode.key)
-    for other in (alone, three, recorded):
+    (tmp_path / "alone" / "runs" / "walker" / FRAMES).unlink()
+    from_bag = read_run(small_exam(bags=True), tmp_path / "alone", "walker").episodes  # as that of a graph is
+    assert (tmp_path / "alone" / "runs" / "walker" / FRAMES).is_file()
+    for other in (alone, three, recorded, from_bag):
         for one, same in zip(whole, other, strict=True):
             assert one.listed == same.listed
             assert np.array_equal(one.x, same.x)
@@ -85,8 +89,10 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(
     assert next(source.read(["walker/104:1"])).scenario is not None
     with pytest.raises(InvalidInput, match=r"holds an exam with parameters\.[a-z_.]+ = "):
         run_exam(small_exam(seed=7), folder, quiet=True)
-    (folder / "runs" / "walker" / "episodes.npz").write_bytes(b"")
-    with pytest.raises(InvalidInput, match=r"walker/episodes.npz: not readable as the episodes of a run"):
+    (folder / "runs" / "walker" / FRAMES).write_bytes(b"")
+    with pytest.raises(
+        InvalidInput, match=r"walker/frames.parquet: expected the episodes of a run in Parquet, not readable as such"
+    ):
         run_exam(small_exam(), folder, quiet=True)
 
 

@@ -10,8 +10,9 @@ import pytest
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import RunResult, episode_table, time_lost, worst_first
-from vpsci_ros.exam.report import Conduct, make_report, value_of
+from vpsci_ros.exam.measures import episode_table, time_lost, worst_first
+from vpsci_ros.exam.report import make_report, value_of
+from vpsci_ros.exam.result import Conduct, RunResult
 from vpsci_ros.exam.scores import MEASURES, difference, estimate
 from vpsci_ros.world import load_scenarios
 

@@ -12,8 +12,8 @@ from vpsci_ros.exam import conduct
 from vpsci_ros.exam import exam as exam_module
 from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.measures import RunResult, episode_table
-from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.result import Conduct, RunResult
 
 Small = Callable[..., Exam]
 DIES_ONCE = """

@@ -1,20 +1,20 @@
-"""An exam's episodes as the page plays them: the driving system's from its bags, the autopilot's as it left them."""
+"""An exam's episodes as the page plays them: the driving system's and the autopilot's."""
 
-import shutil
 from pathlib import Path
 
 import polars as pl
 import pytest
 
 from vpsci_ros.bags.episodes import read_episodes
-from vpsci_ros.data.kept import write_kept
+from vpsci_ros.data.episode_file import FRAMES, write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import autopilot_run
-from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
+from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.report import BASELINE
+from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.run import read_exam
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.runs.config import Sections
@@ -39,13 +39,15 @@ def sources(table, autopilot, limit=1000):
     return exam_sources(table, {BASELINE: lambda _: autopilot}, limit)
 
 
-def test_an_exam_that_is_over_is_shown_from_its_bags_with_its_verdicts(own_bag, autopilot, tmp_path: Path) -> None:
-    shutil.copytree(own_bag, tmp_path / "runs/walker/bag")
-    table = rows(list(read_episodes(own_bag)), "ads")
+def test_an_exam_that_is_over_is_shown_with_its_verdicts(own_bag, autopilot, tmp_path: Path) -> None:
+    driven = list(read_episodes(own_bag))
+    (tmp_path / "runs" / "walker").mkdir(parents=True)
+    write_episodes(tmp_path / "runs" / "walker" / FRAMES, driven)
+    table = rows(driven, "ads")
     table = pl.concat([table, rows(autopilot, "autopilot")])
     write_parquet(table, tmp_path / "episodes.parquet", COLUMNS, content="episodes of an exam")
     (tmp_path / "autopilot").mkdir()
-    write_kept(tmp_path / "autopilot" / "walker.npz", autopilot)
+    write_episodes(tmp_path / "autopilot" / "walker.parquet", autopilot)
     source, beside = read_exam(tmp_path, 1000)
     assert (source.key, beside.key) == ("ads-walker", "autopilot-walker")
     assert [each.episode.name for each in beside.episodes] == [each.name for each in autopilot]

@@ -21,7 +21,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.envs.right_turn import RightTurnEnv
 from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.result import Conduct
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir

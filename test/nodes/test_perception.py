@@ -21,7 +21,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.measures import episode_table
-from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.result import Conduct
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor

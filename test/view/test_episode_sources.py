@@ -10,6 +10,7 @@ import pytest
 from vpsci_ros.bags import episodes as bags
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode_file import FRAMES, write_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 
@@ -19,7 +20,7 @@ def exam(own_bag: Path, tmp_path: Path) -> Path:
     (tmp_path / "exam.json").write_text(json.dumps({}))
     for name in ("alone", "learned", "walker"):
         (tmp_path / "runs" / name).mkdir(parents=True)
-        (tmp_path / "runs" / name / "bag").symlink_to(own_bag)
+        write_episodes(tmp_path / "runs" / name / FRAMES, list(read_episodes(own_bag)))
     return tmp_path
 
 

@@ -2,8 +2,8 @@
 
 A driving system drives through the graph of nodes, one episode at a time (`in_graph`), or answers through the loop,
 many side by side (`in_process`); so does the autopilot. Many episodes are driven in parts, each a run of its own, by
-workers side by side where there are several. A run of the graph leaves a bag, any other its episodes
-(`vpsci_ros.data.kept`); both leave a record, from which a run that is done is read again.
+workers side by side where there are several. Each run leaves a record and its result (`result`); that of a graph is
+made of its bag.
 """
 
 import contextlib
@@ -18,19 +18,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.episode_file import FRAMES, read_episodes
 from vpsci_ros.data.gathered import Tick
-from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import counts_of, domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
-from vpsci_ros.exam.measures import FirstCritical, RunResult, episodes_of
-from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, episodes_of, read_result, write_result
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RECORD, read_record
@@ -123,9 +121,8 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     for parent in (run.parent, folder / "logs"):
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{run.name}.log"
-    if exam.in_process:
-        return run_in_process(exam, name, run, log, quiet=quiet)
-    run_in_graph(exam, name, run, log, quiet=quiet)
+    drive = run_in_process if exam.in_process else run_in_graph
+    drive(exam, name, run, log, quiet=quiet)
     return read_run(exam, folder, name)
 
 
@@ -144,10 +141,9 @@ def driven_episodes(folder: Path, pedestrian: str) -> Iterator[Episode]:
 
     :raises InvalidInput: what a run left cannot be read.
     """
-    runs = (run_folder(folder, pedestrian, part) for part in itertools.count())
-    for run in itertools.takewhile(Path.is_dir, runs):
-        kept = run / KEPT
-        yield from read_kept(kept) if kept.is_file() else read_episodes(Bag(run / "bag", recover=True))
+    found = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count())
+    for path in itertools.takewhile(Path.is_file, found):
+        yield from read_episodes(path)
 
 
 def joined(results: Sequence[RunResult], wanted: int) -> RunResult:
@@ -181,16 +177,12 @@ def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
     :raises InvalidInput: what it left cannot be read, though it came to its end.
     """
     run = run_folder(folder, name, exam.part)
-    record = read_record(run / RECORD)
-    if record is None:
-        return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
-    conduct = _conduct(exam, name, record)
-    if not (run / KEPT).is_file():
-        return _read_bag(exam, name, run / "bag", conduct)
-    first_critical = {
-        (scenario, episode): FirstCritical(*seen) for scenario, episode, *seen in record["results"]["first_critical"]
-    }
-    return RunResult(read_kept(run / KEPT), conduct, first_critical=first_critical)
+    if not (run / FRAMES).is_file():
+        record = read_record(run / RECORD)
+        if record is None:
+            return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
+        write_result(run / FRAMES, _read_bag(exam, name, run / "bag", _conduct(exam, name, record)))
+    return read_result(run / FRAMES)
 
 
 def _conduct(exam: Exam, name: str, record: Mapping[str, Any]) -> Conduct:

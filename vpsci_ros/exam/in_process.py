@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode_file import FRAMES
 from vpsci_ros.data.gathered import Tick as Gathered
-from vpsci_ros.data.kept import KEPT, write_kept
 from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
-from vpsci_ros.exam.measures import RunResult, episodes_of
-from vpsci_ros.exam.report import BASELINE, Conduct
+from vpsci_ros.exam.report import BASELINE
+from vpsci_ros.exam.result import Conduct, RunResult, episodes_of, write_result
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
@@ -74,8 +74,8 @@ def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
     return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 
-def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
-    """Have the driving system meet one pedestrian; leave episodes and record in the folder `run`, return the result.
+def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
+    """Have the driving system meet one pedestrian; leave result and record in the folder `run`.
 
     With `ads_test.bags` it leaves a bag, too, and drives one episode after the other.
     """
@@ -99,20 +99,15 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
     episodes = [episode for episode in found if episode.key not in driven.lost]
     failure = driven.failure()
     counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
-    write_kept(run / KEPT, episodes)
+    said = f"{title_of(name)}: {failure}" if failure else ""
+    conduct = Conduct(len(exam.episodes), driven.refused, failure=said)
+    write_result(run / FRAMES, RunResult(episodes, conduct, first_critical=first_critical))
     write_record(
         run / RECORD,
         begun=begun,
         error=failure,
-        results={
-            "nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))},
-            "first_critical": [[*key, *seen] for key, seen in first_critical.items()],
-        },
+        results={"nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))}},
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
-    )
-    failure = f"{title_of(name)}: {failure}" if failure else ""
-    return RunResult(
-        episodes, Conduct(len(exam.episodes), driven.refused, failure=failure), first_critical=first_critical
     )
 
 

@@ -1,60 +1,19 @@
 """From episodes to one row each: what a driving system did with one pedestrian, in columns that everything rests on."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode import YIELDED, Episode, Key, yields
-from vpsci_ros.data.gathered import Tick, gathered
+from vpsci_ros.data.episode import YIELDED, Episode, yields
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
-from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.result import FirstCritical, RunResult
 from vpsci_ros.policy.onset_range import range_of_episode
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, HORIZON
-from vpsci_ros.world import COLLISION, GOAL, IDLE, OUTCOME_NAMES, PARKED_COLLISION, Scenario
-from vpsci_ros.world.crowd import KINDS
-from vpsci_ros.world.parked import in_sight, parked_from
-
-
-class FirstCritical(NamedTuple):
-    """Who became critical first in an episode, as CurvTTC first fell below 5 s.
-
-    :ivar hidden: parked vehicles hid the pedestrian.
-    :ivar kind: of the pedestrian, one of `KINDS`.
-    :ivar pedestrians: of the episode.
-    """
-
-    hidden: bool = False
-    kind: str = ""
-    pedestrians: int = 0
-
-
-def episodes_of(
-    ticks: Iterable[Tick], period: float, scenarios: Sequence[Scenario], source: str
-) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of ticks in the order of their keys, and who became critical first in each that did.
-
-    :param period: of a tick [s].
-    """
-    first_critical: dict[Key, FirstCritical] = {}
-    parked = parked_from(scenarios)
-
-    def watched() -> Iterator[Tick]:
-        for state, curvttc, distance in ticks:
-            critical = (state["status"] != IDLE) & (curvttc < CRITICAL_TTC)
-            visible = in_sight(state, parked) if critical.any() else critical
-            for record, seen in zip(state[critical], visible[critical].tolist(), strict=True):
-                first = FirstCritical(not seen, KINDS[record["kind"]], max(1, int(record["pedestrians"])))
-                first_critical.setdefault((int(record["scenario"]), int(record["episode"])), first)
-            yield state, curvttc, distance
-
-    found = gathered(watched(), period, scenarios, source=source)
-    return sorted(found, key=lambda episode: episode.key), first_critical
-
+from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION
 
 Floats = NDArray[np.float64]
 _COLLISION, _PARKED_COLLISION = OUTCOME_NAMES[COLLISION], OUTCOME_NAMES[PARKED_COLLISION]
@@ -95,21 +54,6 @@ COLUMNS: dict[str, Column] = {
     ),
 }
 OLDER = {"range": ""}  # what exams from before 26 November 2026 lack
-
-
-class RunResult(NamedTuple):
-    """What a driver's run with one pedestrian came to.
-
-    :ivar episodes: that ended.
-    :ivar conduct: how it went, apart from how the driver drove.
-    :ivar unanswered: ticks without a usable command, for the episodes that had any.
-    :ivar first_critical: who became critical first, of the episodes that were critical.
-    """
-
-    episodes: Sequence[Episode]
-    conduct: Conduct = Conduct(0)
-    unanswered: Mapping[Key, int] = {}
-    first_critical: Mapping[Key, FirstCritical] = {}
 
 
 def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:

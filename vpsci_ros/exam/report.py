@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import polars as pl
@@ -10,6 +10,7 @@ import polars as pl
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import Estimate
 from vpsci_ros.exam.config import HARD_BRAKING, SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.result import Conduct
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.safety import CONFLICT_TTC
@@ -25,24 +26,6 @@ CHANGES = {
 """Criterion against an earlier exam -> the measure, and which number of its difference."""
 FAILED_BEFORE = ("fixed", "newly_failed", "still_failing")
 COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
-
-
-@dataclass(frozen=True)
-class Conduct:
-    """How a run of the ADS went, apart from how it drove.
-
-    :ivar wanted: episodes that it was to drive.
-    :ivar refused: commands that the world refused: not finite, out of range, or late.
-    :ivar surplus: good commands beyond the first one at a tick.
-    :ivar safe_stops: in real time, how often the world braked because no command came.
-    :ivar failure: empty, or why it did not drive all of them.
-    """
-
-    wanted: int
-    refused: int = 0
-    surplus: int = 0
-    safe_stops: int = 0
-    failure: str = ""
 
 
 GROUPS = {

@@ -1,9 +1,9 @@
 """The exam of a driving system: conducted, scored and reported.
 
-In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (what a run leaves),
-logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html, summary.md, junit.xml, and
-view.html, in which the episodes play. The same command goes on with an exam that was stopped: runs that are done do
-not run again.
+In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (its record, and its
+episodes in frames.parquet), logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html,
+summary.md, junit.xml, and view.html, in which the episodes play. The same command goes on with an exam that was
+stopped: runs that are done do not run again.
 """
 
 import json
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import polars as pl
 
-from vpsci_ros.data.kept import read_kept, write_kept
+from vpsci_ros.data.episode_file import read_episodes, write_episodes
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
@@ -23,9 +23,10 @@ from vpsci_ros.exam.config import ALONE
 from vpsci_ros.exam.earlier import check, compare, compared_with, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, RunResult, episode_table
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, episode_table
 from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
+from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.episode_sources import EXAM
@@ -64,7 +65,7 @@ def run_exam(
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
         (folder / BASELINE).mkdir(exist_ok=True)
         for name in pedestrians:
-            write_kept(_autopilot(folder, name), runs[BASELINE][name].episodes)
+            write_episodes(_autopilot(folder, name), runs[BASELINE][name].episodes)
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
     if earlier is not None:
@@ -114,7 +115,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
     drivers: dict[str, Driven] = {ADS: partial(driven_episodes, folder)}
     if (folder / BASELINE).is_dir():
-        drivers[BASELINE] = lambda name: read_kept(_autopilot(folder, name))
+        drivers[BASELINE] = lambda name: read_episodes(_autopilot(folder, name))
     path = folder / "report.json"
     failure = read_json(path).get("failure", "collision") if path.is_file() else "collision"
     found = exam_sources(table, drivers, limit, failure)
@@ -124,4 +125,4 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 
 
 def _autopilot(folder: Path, pedestrian: str) -> Path:
-    return folder / BASELINE / f"{pedestrian}.npz"
+    return folder / BASELINE / f"{pedestrian}.parquet"

@@ -20,8 +20,9 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.data.episode_file import FRAMES
+from vpsci_ros.data.episode_file import read_episodes as read_episode_file
 from vpsci_ros.data.gathered import group_of
-from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.documents import listed
@@ -107,7 +108,7 @@ def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
         dataset = Dataset(path)
         return EpisodeSource(path, "generated", dataset.period, dataset.listed(), dataset.own_scenarios, dataset.read)
     if (path / EXAM).is_file():
-        return _exam(path, recover)
+        return _exam(path)
     if path.suffix in _OF_A_BAG[:2] or (path.is_dir() and any(map(_of_a_bag, path.iterdir()))):
         return _bag(path, recover)
     if path.is_dir():
@@ -142,36 +143,25 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
     return EpisodeSource(path, "bag", period, listed, scenarios_of(bag, own=True), read)
 
 
-def _exam(folder: Path, recover: bool) -> EpisodeSource:
+def _exam(folder: Path) -> EpisodeSource:
     """Return the episodes of every run with a pedestrian, whose name stands before theirs: "learned/6:12"."""
     runs = [path for path in sorted((folder / "runs").glob("*")) if path.name.partition("-")[0] != ALONE]
-    kept = {run.name: _kept(run / KEPT) for run in runs if (run / KEPT).is_file()}
-    bags = {run.name: _bag(run / "bag", recover) for run in runs if run.name not in kept and (run / "bag").is_dir()}
-    bags |= {name: source for name, source in kept.items() if source.listed}
-    if not bags:
+    episodes = [
+        dataclasses.replace(episode, listed=_of_run(run.name, episode.listed))
+        for run in runs
+        if (run / FRAMES).is_file()
+        for episode in read_episode_file(run / FRAMES)
+    ]
+    if not episodes:
         raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
-    first = next(iter(bags.values()))
-
-    def read(wanted: Collection[str]) -> Iterator[Episode]:
-        for run, bag in bags.items():
-            for episode in bag.reader({one.name for one in bag.listed if _of_run(run, one).name in wanted}):
-                yield dataclasses.replace(episode, listed=_of_run(run, episode.listed))
-
-    listed = [_of_run(run, one) for run, bag in bags.items() for one in bag.listed]
-    return EpisodeSource(folder, "exam", first.period, listed, first.scenarios, read)
-
-
-def _kept(path: Path) -> EpisodeSource:
-    episodes = read_kept(path)
-    listed = [episode.listed for episode in episodes]
     roads = {episode.scenario.number: episode.scenario for episode in episodes if episode.scenario is not None}
     own = own_documents(roads.values())
 
     def read(wanted: Collection[str]) -> Iterator[Episode]:
         return (episode for episode in episodes if episode.name in wanted)
 
-    period = episodes[0].period if episodes else 0.0
-    return EpisodeSource(path, "exam", period, listed, [road for road in roads.values() if road.name in own], read)
+    scenarios = [road for road in roads.values() if road.name in own]
+    return EpisodeSource(folder, "exam", episodes[0].period, [each.listed for each in episodes], scenarios, read)
 
 
 def _of_run(run: str, listed: Listed) -> Listed:

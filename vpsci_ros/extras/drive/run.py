@@ -18,7 +18,7 @@ from vpsci_ros.exam.config import EXTERNAL, PERSON, title_of
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.in_process import autopilot_run, loop_with
-from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.person import Person

@@ -15,8 +15,9 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import joined, read_run
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, RunResult
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
 from vpsci_ros.exam.report import ADS, definitions
+from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain

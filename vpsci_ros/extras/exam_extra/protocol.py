@@ -21,9 +21,10 @@ from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Cockpit
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import InProcess, loop_with
-from vpsci_ros.exam.measures import RunResult, episode_table, episodes_of
+from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import Motion
-from vpsci_ros.exam.report import ADS, BASELINE, Conduct
+from vpsci_ros.exam.report import ADS, BASELINE
+from vpsci_ros.exam.result import Conduct, RunResult, episodes_of
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.report import html

@@ -1,33 +1,35 @@
-"""Simulated episodes that are kept as a file."""
+"""Simulated episodes as one Parquet file."""
 
 import dataclasses
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
+from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
 from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode_file import EPISODE_COLUMNS, read_episodes, write_episodes
 from vpsci_ros.data.gathered import gathered
-from vpsci_ros.data.kept import read_kept, write_kept
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
 
-def test_what_is_kept_is_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: Path) -> None:
+def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: Path) -> None:
     scenarios = load_scenarios([1, 104], [])
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=2.0)
-    steps = Loop(World(config, scenarios, [(1, 0), (104, 3)], 2, 1))
+    steps = Loop(World(config, scenarios, [(1, 0), (104, 0)], 2, 1))
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
     episodes = list(gathered(ticks, config.tick, scenarios, source="a loop"))
-    assert [episode.name for episode in episodes] == ["1:0", "104:3"]
+    assert [episode.name for episode in episodes] == ["1:0", "104:0"], "of one number, in different scenarios"
     people = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
     two = {name: np.vstack([getattr(episodes[0], name), 1.0 + getattr(episodes[0], name)]) for name in people}
     two["controlled"] = two["controlled"] > 1.0
     episodes[0] = dataclasses.replace(episodes[0], **two)
-    path = tmp_path / "episodes.npz"
-    write_kept(path, episodes)
-    for one, other in zip(episodes, read_kept(path), strict=True):
+    path = tmp_path / "frames.parquet"
+    write_episodes(path, episodes)
+    for one, other in zip(episodes, read_episodes(path), strict=True):
         assert (one.listed, one.period) == (other.listed, other.period)
         assert one.scenario is not None
         assert other.scenario is not None
@@ -35,8 +37,16 @@ def test_what_is_kept_is_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path
         arrays = [name for name in Episode.__dataclass_fields__ if isinstance(getattr(one, name), np.ndarray)]
         assert len(arrays) == 12
         assert all(np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in arrays)
-    path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(InvalidInput, match=r"episodes.npz: not readable as the episodes of a run"):
-        read_kept(path)
-    write_kept(path, [])
-    assert read_kept(path) == []
+    rows = pl.read_parquet(path)
+    assert rows.columns == list(EPISODE_COLUMNS)
+    assert set(DATASET_COLUMNS) < set(rows.columns)
+    assert rows.filter(pl.col("scenario") == 1)["position_x_ped"].to_list() == episodes[0].ped_x.ravel().tolist()
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 8] ^= 1
+    for damaged in (whole[:-200], bytes(flipped)):
+        path.write_bytes(damaged)
+        with pytest.raises(InvalidInput, match=r"frames.parquet: expected the episodes of a run in Parquet, not read"):
+            read_episodes(path)
+    write_episodes(path, [])
+    assert read_episodes(path) == []
