@@ -17,7 +17,7 @@ from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, agent_ids, pieces
 from vpsci_ros.data.episode import Episode, Floats, Listed
 from vpsci_ros.data.parquet import Column, arrow_schema, read_metadata, read_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.scenario import every_scenario, own_documents
 
 FRAMES = "frames.parquet"  # of a run of an exam
@@ -47,7 +47,7 @@ def write_episodes(path: Path, episodes: Sequence[Episode], **more: Any) -> None
     facts = {"listed": [each.listed for each in episodes], "period": episodes[0].period if episodes else 0.0}
     rows, schema = _rows(episodes), arrow_schema(EPISODE_COLUMNS, {**more, **facts, "own_scenarios": own})
     floats = [field.name for field in schema if pa.types.is_floating(field.type)]
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         pq.write_table(
             rows.select(schema.names).to_arrow().cast(schema),
             part,
