@@ -1,4 +1,4 @@
-"""Compilation of scalar code, here and in the world, and the division of a large batch between threads.
+"""Compilation of scalar functions with numba, and the division of a large batch between threads.
 
 Compiled code is cached on disk, divides as IEEE says and never reorders arithmetic (no fastmath).
 """
@@ -60,7 +60,7 @@ os.register_at_fork(after_in_child=_pool.__init__)  # type: ignore[misc]
 
 
 def in_threads(run: Callable[[slice], T], size: int, per_thread: int, together: int = 1) -> list[T]:
-    """Call `run` on slices that make up range(size), in several threads where `size` is worth it; return its answers.
+    """Call `run` on slices of range(size), in several threads if `size` is large; return the results.
 
     `run` is a kernel that leaves the interpreter lock and treats each index for itself, so the split changes no bit.
 

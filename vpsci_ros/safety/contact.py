@@ -97,7 +97,7 @@ def first_contact_accelerating(  # type: ignore[no-untyped-def]
 
 @kernel
 def advance(qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, begin, end, bound):  # type: ignore[no-untyped-def]
-    """First contact [s] within [begin, end], infinity when there is none; `bound` [m/s2] is A of this file's head."""
+    """First contact [s] within [begin, end], infinity when there is none; `bound` [m/s2] is A of the module's text."""
     t, count = begin, 0.0
     while True:
         # the pedestrian in the vehicle's frame at time t; the vehicle has moved along a chord and turned

@@ -32,7 +32,7 @@ def curvature_from_yaw_rate(yaw_rate: FloatLike, speed: FloatLike, *, standing: 
 
 
 def curvature_from_positions(x: FloatLike, y: FloatLike, *, spacing: int = 1, collinear: float = COLLINEAR) -> Floats:
-    """Curvature of the circle through the last three positions, at every step of a trajectory.
+    """Curvature [1/m] of the circle through the last three positions, at every step of a trajectory.
 
     :param x, y: float[..., T] positions [m] in the order of time, T >= 1.
     :param spacing: steps between the three positions, at least 1.

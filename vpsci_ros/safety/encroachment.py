@@ -1,4 +1,4 @@
-"""Post-encroachment time: how long the crossing point lay free between the two agents, after the fact."""
+"""Post-encroachment time: the time for which the crossing point was free between the two agents."""
 
 import math
 

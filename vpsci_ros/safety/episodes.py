@@ -26,7 +26,7 @@ def onset(curvttc: FloatLike, *, lengths: ArrayLike | None = None, critical: flo
 
 
 def least_curvttc(curvttc: FloatLike, *, lengths: ArrayLike | None = None) -> Floats:
-    """Least CurvTTC of each episode [s], float64[...]: its most critical moment; arguments as for `onset`."""
+    """Least CurvTTC of each episode [s], float64[...]; arguments as for `onset`."""
     result: Floats = padded("curvttc", curvttc, lengths).min(axis=-1)
     return result
 

@@ -1,4 +1,4 @@
-"""The door of the room: arguments become float64 arrays of one shape, and what does not belong is named.
+"""Checks of arguments: they become float64 arrays of one shape, and an invalid value is reported.
 
 A bad number is never turned into an infinity: every public function of `vpsci_ros.safety` refuses it and says which
 argument has which value at which index.
@@ -69,7 +69,7 @@ def common_shape(names: Sequence[str], arrays: Sequence[Floats]) -> tuple[int, .
 def refuse(
     names: Sequence[str], values: Sequence[FloatLike], *, positive: Iterable[str] = (), not_negative: Iterable[str] = ()
 ) -> NoReturn:
-    """Name the first bad one among the arguments as they were given: not finite, not above 0, or below 0.
+    """Raise `InvalidInput` for the first invalid argument: not finite, not above 0, or below 0.
 
     :raises InvalidInput: always; called once a kernel has seen that something is wrong.
     """

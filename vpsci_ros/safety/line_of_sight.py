@@ -1,4 +1,4 @@
-"""What can be seen of a pedestrian from a point: parked vehicles are oriented rectangles that cast shadows.
+"""The visible share of a pedestrian from a point, behind parked vehicles (oriented rectangles).
 
 Everything is seen from above. The disc of the pedestrian takes an angle of 2 asin(radius / distance) at the eye; each
 rectangle that is nearer covers the angle between its outermost corners. What is left uncovered, as a share of the

@@ -1,4 +1,4 @@
-"""The measures that CurvTTC is compared with: each with its source, on batches, on the same footprints.
+"""Other safety measures, each with its source, on batches and with the same footprints.
 
 A measure from one instant predicts; PET, in `encroachment`, looks back at what happened.
 """
@@ -73,7 +73,7 @@ def second_order_ttc(
     radius: FloatLike = PEDESTRIAN_RADIUS,
     horizon: FloatLike = HORIZON,
 ) -> Floats:
-    """Second-order time to collision of a turning vehicle [s]: steering wheel and pedal stay where they are.
+    """Second-order time to collision of a turning vehicle [s]: curvature and acceleration stay constant.
 
     After Nick Zinat Matin et al., "Second-Order Time to Collision With Non-Static Acceleration" (arXiv 2502.08066): the
     acceleration turns with the vehicle, so the path is an arc of constant curvature driven at constant longitudinal
@@ -99,7 +99,7 @@ def second_order_ttc(
 
 
 def drac(ttc: FloatLike, speed: FloatLike) -> Floats:
-    """Deceleration rate to avoid the crash [m/s2]: it stops the vehicle just where contact is predicted.
+    """Deceleration rate to avoid the crash [m/s2]: it stops the vehicle at the predicted contact.
 
     At constant speed v the vehicle reaches that point of its path after v * ttc metres; stopping within s takes
     v^2 / (2 s) = v / (2 ttc). See Cooper and Ferguson, "Traffic studies at

@@ -1,4 +1,4 @@
-"""Arrays over time: float[..., T], one episode or a padded batch, with the number of steps of each row that count."""
+"""Series over time, float[..., T]: one episode or a padded batch with the length of each row."""
 
 from collections.abc import Iterable, Sequence
 

@@ -1,4 +1,4 @@
-"""Who yielded: the rule for what the paper's authors classified by eye (sections 4.2 and 4.6).
+"""Who yielded: a rule for the classification that the paper made by eye (sections 4.2 and 4.6).
 
 To yield is to slow down and let the other go first.
 
