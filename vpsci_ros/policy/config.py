@@ -28,7 +28,7 @@ class NetworkConfig:
     heads: int = constant(8, "attention heads", low=1, high=64)
     attention_window: int = constant(10, "steps that attention looks back over, this one included", low=1, high=64)
     risk_input: bool = parameter(
-        False, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
+        False, "CurvTTC's risk is also an input of the networks; false: it only gates their attention"
     )
     action_limit: float = constant(
         5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0
@@ -51,16 +51,14 @@ class NoiseConfig:
 class PolicyConfig:
     """One agent's policy."""
 
-    agent: str = parameter(
-        LEARNED, "who acts: learned, by the weights; or an agent that another distribution adds (docs/extending.md)"
-    )
+    agent: str = parameter(LEARNED, "learned: acts by the weights; or the name of an added agent (docs/extending.md)")
     weights: str = parameter(
-        "", "bank of people or weights: a safetensors file, or people, ma_sst_ddpg; empty: wait for /policy/weights"
+        "", "bank or weights: a safetensors file, or people, ma_sst_ddpg; empty: wait for /policy/weights"
     )
     explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
-    seed: int = parameter(1, "seed of the exploration noise, and of which recorded people act", low=0, high=2**63 - 1)
+    seed: int = parameter(1, "seed of the exploration noise and of the choice of reactions", low=0, high=2**63 - 1)
     people: str = parameter(
         "",
-        "of a bank: whose reactions act, a source of its near misses up to a hyphen, such as cqut; empty: the first",
+        "source of a bank whose reactions are replayed, such as cqut; empty: the first",
     )
     noise: NoiseConfig = NoiseConfig()

@@ -27,20 +27,20 @@ class WorldConfig:
     )
     spawn: str = parameter(
         "right_turns",
-        "how both approach each other; right_turns, human: as people recorded in right turns, on a campus, with human "
-        "jerk; paper: section 3.2's walking speeds of 1-4 m/s and throttle of 0.6-0.9",
+        "initial motion of both agents; right_turns: of recorded right turns; human: of recordings on a campus; "
+        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2)",
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(
-        "policy", "policy: the autopilot until it is critical, then the policy", choices=VEHICLE_DRIVERS
+        "policy", "policy: the autopilot until CurvTTC is critical, then the policy", choices=VEHICLE_DRIVERS
     )
     pedestrian_driver: str = parameter(
-        "policy", "policy: the walker until it is critical, then the policy", choices=PEDESTRIAN_DRIVERS
+        "policy", "policy: the walker until CurvTTC is critical, then the policy", choices=PEDESTRIAN_DRIVERS
     )
     pedestrian_gain: float = parameter(
         1.0,
-        "share of the policy's acceleration of the pedestrian that becomes motion; 0.5 in (21)-(24), and always of an "
-        "external pedestrian's",
+        "share of the policy's acceleration that the pedestrian executes; (21)-(24) have 0.5, which an external "
+        "pedestrian always has",
         low=0.0,
         high=1.0,
     )
@@ -55,7 +55,7 @@ class WorldConfig:
         "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) "
         "before (18), since neither (6) nor odometry contains the route; false: (18) alone",
     )
-    pedestrians: int = parameter(1, "most pedestrians of an episode; each has a row with the vehicle", low=1, high=MOST)
+    pedestrians: int = parameter(1, "most pedestrians of an episode; each has its own row of arrays", low=1, high=MOST)
     crowd: CrowdConfig = field(default_factory=CrowdConfig)
     kinds: KindMixture = field(default_factory=KindMixture)
 
@@ -99,7 +99,7 @@ class SimulatorConfig:
     """The node `world_simulator`: its engine and pace, who drives from outside, and what it publishes."""
 
     engine: str = parameter(
-        "vpsci", "vpsci: our kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
+        "vpsci", "vpsci: this package's kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
     )
     action_timeout: float = parameter(
         2.0,
@@ -114,15 +114,15 @@ class SimulatorConfig:
     )
     external_mode: str = parameter(
         "lock_step",
-        "lock_step: wait for a command at every tick, action_timeout at most; real_time: go on at real_time_factor "
-        "(1 where that is 0), the last command holds",
+        "lock_step: wait for a command at every tick, at most action_timeout; real_time: advance at real_time_factor "
+        "(1 if that is 0) and hold the last command",
         choices=("lock_step", "real_time"),
     )
     interventions: list[float] = parameter(
         [],
-        "set by `vpsci ads-why` and `ads-protocol`; of each episode: scenario, number, frame, change of speed [m/s], "
-        "by what its braking is firmer [m/s2], speed held until it brakes with 3 m/s2 [m/s], how many accelerations "
-        "follow, and these, forced from the frame on [m/s2]",
+        "set by `vpsci ads-why` and `ads-protocol`; for each episode: scenario, number, frame, change of speed [m/s], "
+        "additional braking [m/s2], speed held until the system brakes with 3 m/s2 [m/s], number of forced "
+        "accelerations, and these accelerations from the frame on [m/s2]",
     )
-    recorded_bag: str = parameter("", "bag that the replay drivers follow; same scenarios and numbers")
+    recorded_bag: str = parameter("", "bag that the replay drivers follow, with the same scenarios and episode numbers")
     publish_transitions: bool = parameter(False, "publish /replay for a learner")

@@ -63,7 +63,7 @@ class PerceptionConfig:
     )
     reach: float = parameter(0.0, "range of the sensor; 0: unlimited", unit="m", low=0.0, high=1000.0)
     least_visible: float = parameter(
-        0.0, "least visible share of a pedestrian behind parked vehicles that is seen; 0: any",
+        0.0, "least visible share with which a pedestrian behind parked vehicles is detected; 0: any",
         low=0.0, high=1.0,
     )  # fmt: skip
     position_noise: float = parameter(0.0, "standard deviation of x and of y", unit="m", low=0.0, high=10.0)
@@ -71,7 +71,7 @@ class PerceptionConfig:
     noise_time: float = constant(1.0, "correlation time of the noise; 0: none", unit="s", low=0.0, high=60.0)
     missed: float = parameter(0.0, "share of frames that miss a visible pedestrian", low=0.0, high=1.0)
     latency: float = parameter(
-        0.0, "delay of published objects, in whole ticks; the stamp is the time of sight",
+        0.0, "delay of published objects, in whole ticks; the stamp is the time of detection",
         unit="s", low=0.0, high=2.0,
     )  # fmt: skip
     lost_rate: float = parameter(0.0, "rate of losing a track", unit="1/s", low=0.0, high=10.0)
