@@ -216,7 +216,7 @@ def test_a_command_that_is_terminated_leaves_its_record_and_ends_as_by_ctrl_c(tm
 import sys, time
 from pathlib import Path
 from vpsci_ros.cli import main
-from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.config import Sections
 def work():
     with RunFolder(Path(sys.argv[1]), Sections({})):

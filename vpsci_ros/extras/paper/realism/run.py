@@ -31,9 +31,9 @@ from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_pol
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256, write_json
-from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.run_folder import RunFolder
 
 Notify = Callable[[str, int, int], None]
 

@@ -35,8 +35,8 @@ from vpsci_ros.extras.paper.studies.tables import (
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import StageBar, stopped_between_updates
+from vpsci_ros.runs.run_folder import RunFolder
 
 
 def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:

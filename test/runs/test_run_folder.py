@@ -12,12 +12,12 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.parameters import as_ros_parameters
-from vpsci_ros.runs import folder
+from vpsci_ros.runs import run_folder
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256
-from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import stopped_between_updates
 from vpsci_ros.runs.record import read_record
+from vpsci_ros.runs.run_folder import RunFolder
 
 SECTIONS = Sections({"learner": {"seed": 1, "episodes": 600, "near_misses": []}})
 
@@ -114,8 +114,8 @@ def test_a_request_to_stop_waits_until_the_record_is_written(tmp_path, monkeypat
         time.sleep(0.01)  # a signal that were not held would raise here
         write_record(path, **rest)
 
-    write_record = folder.write_record
-    monkeypatch.setattr(folder, "write_record", interrupted)
+    write_record = run_folder.write_record
+    monkeypatch.setattr(run_folder, "write_record", interrupted)
     with pytest.raises(KeyboardInterrupt), RunFolder(tmp_path / "run", Sections({})) as run:
         run.results["done"] = 1
     assert read_record(tmp_path / "run" / "run.json")["results"] == {"done": 1}
