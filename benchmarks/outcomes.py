@@ -28,7 +28,7 @@ from vpsci_ros.evaluation.protocols import eligible
 from vpsci_ros.parameters import build
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy, load_policy
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.world import COLLISION, GOAL, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS

@@ -4,7 +4,7 @@ import numpy as np
 
 from vpsci_ros.evaluation.outcomes import Outcomes, measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.world import COLLISION, GOAL, TIMEOUT, WorldConfig, load_scenarios
 
 

@@ -16,7 +16,7 @@ from vpsci_ros.learning.replay import collate
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import KindMixture

@@ -3,7 +3,7 @@
 import pytest
 
 from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import WorldConfig, load_scenarios

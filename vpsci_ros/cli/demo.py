@@ -185,7 +185,7 @@ def demo_sources(folder: Path, sections: Sections, near_misses: Path, learned: s
     from vpsci_ros.data.gathered import gathered
     from vpsci_ros.policy.agent import policies
     from vpsci_ros.policy.policy_file import load_policy
-    from vpsci_ros.policy.simulation import simulation_of
+    from vpsci_ros.policy.simulation_config import simulation_of
     from vpsci_ros.world.loop import Loop
 
     simulation = simulation_of(sections)

@@ -9,7 +9,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
 from vpsci_ros.parameters import settings_of
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.simulation import SimulationConfig, simulation_of
+from vpsci_ros.policy.simulation_config import SimulationConfig, simulation_of
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.runs.config import RunConfig, Sections
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.world import COLLISION, GOAL
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS

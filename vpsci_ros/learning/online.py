@@ -13,7 +13,7 @@ from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, save_weights
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.loop import Loop

@@ -3,8 +3,8 @@
 When CurvTTC falls below 5 s, the policies take control of both agents. Filters, onset and conflicts use it, too. This
 package needs numpy and numba only; docs/curvttc.md has the definition. `footprint` has the two shapes, `contact` their
 first contact, `crossing` the older form, `curvttc` the measure on batches, `curvature` the paths of recorded vehicles.
-`measures` and `encroachment` have other measures, `series` the onset, conflict and collision of an episode, `yielding`
-who yielded, and `line_of_sight` what parked vehicles hide.
+`measures` and `encroachment` have other measures, `episodes` the onset, conflict and collision of an episode,
+`yielding` who yielded, and `line_of_sight` what parked vehicles hide.
 """
 
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate

@@ -8,7 +8,7 @@ from vpsci_ros.learning.config import (
     ReplayConfig,
 )
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS

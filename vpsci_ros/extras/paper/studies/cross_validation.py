@@ -24,7 +24,7 @@ from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.runs.files import write_json
 

@@ -29,7 +29,7 @@ from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.pretrain import Report
 from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, load_weights, resolved
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.observation import AGENTS
