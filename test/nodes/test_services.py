@@ -101,7 +101,7 @@ def test_parameters_that_may_change_do_and_bad_values_are_refused_with_the_reaso
     assert "real_time_factor" in change("real_time_factor", -1.0)
     assert "expected 'Type.DOUBLE' got 'Type.STRING'" in change("real_time_factor", "fast")
     assert "action_timeout" in change("action_timeout", float("nan"))
-    assert world._lock_step.config.real_time_factor == 2.0
+    assert world.get_parameter("real_time_factor").value == 2.0
 
 
 def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> None:
