@@ -29,7 +29,7 @@ def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dic
 
     Keys: interactions, groups; least_curvttc, its quartiles [s] as a list of three; and the shares `SHARES`.
 
-    :param encounters: at least one row of `vpsci_ros.extras.paper.section_4.comparison.SCHEMA`.
+    :param encounters: at least one row of `vpsci_ros.extras.paper.section_4.encounters.SCHEMA`.
     :param clustered: resample groups (clips) rather than interactions.
     """
     table = encounters.sort("least_curvttc")
