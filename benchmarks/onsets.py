@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import vehicle_size
-from vpsci_ros.data.reference import clean, trailing_slope
+from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.evaluation.onsets import STEPS, find_onsets
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
 from vpsci_ros.extras.paper.realism.long_run import SETS_OFF, STANDS
@@ -97,10 +97,15 @@ def onset_of(track: Floats, ttc: Floats, size: tuple[float, float]) -> dict[str,
     }
 
 
+def with_onset(table: pl.DataFrame) -> pl.DataFrame:
+    """Return the interactions whose vehicle drives and whose onset was seen, also those whose paths stay apart."""
+    return table.filter(~pl.col("standing") & ~pl.col("begins_critical"))
+
+
 def recorded(table: pl.DataFrame) -> pl.DataFrame:
     """Return a row an onset, with its `clip`."""
     rows = []
-    for part in clean(table).partition_by("interaction", maintain_order=True):
+    for part in with_onset(table).partition_by("interaction", maintain_order=True):
         size = vehicle_size(part["source"][0])
         onset = onset_of(part.select(TRACK).to_numpy(), part["curvttc_causal"].to_numpy(), size)
         if onset is not None:
@@ -110,7 +115,7 @@ def recorded(table: pl.DataFrame) -> pl.DataFrame:
 
 def rows_of(table: pl.DataFrame) -> Floats:
     """Return `people.RIGHT_TURNS` of a near-miss table: clean onsets with half a second before and 3 s after them."""
-    onsets = find_onsets(clean(table), history=LEAST)
+    onsets = find_onsets(with_onset(table), history=LEAST)
     out = np.zeros((len(onsets), people.TRACK + people.COLUMNS * (SECOND + 1)))
     for row, motion, first, ttc in zip(
         out, onsets.interactions.motion, onsets.interactions.first, onsets.interactions.curvttc, strict=True

@@ -4,7 +4,7 @@
     tools/histograms.py DATASET docs/histograms.png [--data right_turns/dev] [--episodes 2000]
 
 DATASET was generated with dataset.keep_rejected=true. Recorded ones are near misses of whole tracks, without cars that
-stand at the onset and without tracks that begin critical (`vpsci realism --clean`).
+stand at the onset, tracks that begin critical and paths that stay apart (`vpsci realism --clean`).
 """
 
 import argparse

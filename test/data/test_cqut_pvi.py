@@ -193,5 +193,5 @@ def test_the_published_right_turns_hold_740_near_misses(real_data: Path) -> None
     result = import_trajectories(real_data / "cqut_pvi", "cqut-pvi")
     assert result.summaries[0].near_misses == 747
     assert result.summaries[0].quartiles == pytest.approx((1.82, 2.54, 3.38), abs=0.005)
-    assert clean(result.table)["interaction"].n_unique() == 385
+    assert clean(result.table)["interaction"].n_unique() == 337
     assert sum(result.summaries[0].left_out.values()) + result.summaries[0].pairs == 1936

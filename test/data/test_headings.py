@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import IMPORTERS, Clip
-from vpsci_ros.data.importers.layout import NO_HEADING
+from vpsci_ros.data.importers.tracks import NO_HEADING
 
 STEP = 0.04  # [s] between rows
 COURSE = 2.0  # [rad] of the car
@@ -22,7 +22,9 @@ def driven(way: np.ndarray, noise: float, turn: float = 0.0) -> np.ndarray:
     """Return positions [T, 2] [m] of a car that has come `way` [m] far, `noise` [m] off; it turns by `turn` [1/m]."""
     fine = np.linspace(0.0, max(way[-1], 1e-9), 5001)
     heading = COURSE + turn * fine
-    x, y = (np.concatenate([[0.0], np.cumsum(each[:-1] * np.diff(fine))]) for each in (np.cos(heading), np.sin(heading)))
+    x, y = (
+        np.concatenate([[0.0], np.cumsum(each[:-1] * np.diff(fine))]) for each in (np.cos(heading), np.sin(heading))
+    )
     place = np.stack([np.interp(way, fine, x), np.interp(way, fine, y)], axis=1)
     return place + np.random.default_rng(7).normal(0.0, noise, place.shape)
 
@@ -38,7 +40,9 @@ def read(folder: Path, place: np.ndarray) -> Clip:
     """Read a car at these positions, and somebody who stands."""
     frame = np.arange(len(place))
     car = pl.DataFrame({"id": "c", "frame": frame, "class": "car", "x": place[:, 0], "y": place[:, 1]})
-    person = car.with_columns(id=pl.lit("p"), x=pl.lit(5.0), y=pl.lit(5.0)).with_columns(pl.lit("person").alias("class"))
+    person = car.with_columns(id=pl.lit("p"), x=pl.lit(5.0), y=pl.lit(5.0)).with_columns(
+        pl.lit("person").alias("class")
+    )
     pl.concat([car, person]).write_csv(folder / "a.csv")
     (folder / "layout.yaml").write_text(LAYOUT)
     (clip,) = IMPORTERS.find("described").read(folder)
@@ -65,8 +69,8 @@ def test_a_car_that_turns_before_and_after_it_waits_has_the_headings_of_its_way(
 
 def test_a_car_that_never_drives_half_a_metre_has_no_heading_and_is_counted(tmp_path: Path) -> None:
     place = driven(np.zeros(200), 0.02)
-    clip = read(tmp_path, place)
-    assert (clip.vehicles, clip.left_out[NO_HEADING]) == ([], 1)
+    clip = read(tmp_path, place).with_headings()
+    assert (clip.vehicles, clip.left_out) == ([], {NO_HEADING: 1})
     place[-25:] += np.linspace(0.0, 1.0, 25)[:, None] * [np.cos(COURSE), np.sin(COURSE)]  # and drives off, slowly
     (car,) = read(tmp_path, place).vehicles
     assert np.abs(car.values["heading"] - COURSE).max() < 0.25

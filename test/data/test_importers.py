@@ -16,7 +16,7 @@ from vpsci_ros.data.importers.run import near_misses_of, require_near_misses
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
 from vpsci_ros.data.importers.vci import VCI_DUT
 from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses
-from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, trailing_slope
+from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, paths_apart, trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.make_bank import bank_of_tables
 
@@ -145,8 +145,8 @@ def test_folders_of_one_format_with_clips_of_one_name_are_told_apart(tmp_path: P
     assert (result.summaries[0].clips, result.summaries[0].near_misses) == (4, 4)
     assert list(result.metadata["sources"]) == ["vci-dut"]
     for place, folder in zip(("a/EP", "b/EP"), folders[:2], strict=True):
-        own = result.table.filter(pl.col("clip").str.starts_with(place)).drop("interaction", "clip")
-        assert_frame_equal(own, import_folders([folder], ["vci-dut"]).table.drop("interaction", "clip"))
+        own = result.table.filter(pl.col("clip").str.starts_with(place)).drop("interaction", "group", "clip")
+        assert_frame_equal(own, import_folders([folder], ["vci-dut"]).table.drop("interaction", "group", "clip"))
     (tmp_path / "citr").mkdir()
     write_clip(tmp_path / "citr", "meeting_01", rate=CITR_RATE)
     two = import_folders([folders[0], tmp_path / "citr"], ["vci-dut", "vci-citr"])  # of two formats: two sources
@@ -213,6 +213,25 @@ def test_flags_are_stored_and_clean_leaves_out_what_they_name(clip_folder: Path)
     table = import_trajectories(clip_folder, "vci-dut").table  # its pair is critical from the first step on
     assert table.select("standing", "begins_critical", "contact").unique().rows() == [(False, True, True)]
     assert clean(table).is_empty()
+    assert clean(table.with_columns(begins_critical=pl.lit(False))).height == table.height
+    assert clean(table.with_columns(begins_critical=pl.lit(False), apart=pl.lit(True))).is_empty()
+
+
+def test_paths_that_never_come_within_5_m_are_apart_whenever_the_two_are_there() -> None:
+    along, still = np.linspace(0.0, 40.0, 1100), np.zeros(1100)
+    columns = {"veh_x": along, "veh_y": still, "ped_x": np.full(1100, 40.0), "ped_y": np.linspace(30.0, 4.9, 1100)}
+    assert not paths_apart(columns)  # at the last step of both
+    assert not paths_apart(columns | {"veh_x": along[::-1]})  # half a minute after the car was there
+    assert paths_apart(columns | {"ped_y": columns["ped_y"] + 0.2})
+
+
+def test_a_car_whose_circle_points_at_somebody_on_another_arm_is_apart_from_them(tmp_path: Path) -> None:
+    write_clip(tmp_path, "meeting_01")
+    write_clip(tmp_path, "other_arm", frames=60)  # 2.5 s: the car, at 12.5 m, turns off before the walker's line
+    result = import_trajectories(tmp_path, "vci-dut")
+    found = dict(result.table.group_by("clip").agg(pl.col("apart").first()).rows())
+    assert found == {"meeting_01": False, "other_arm": True}
+    assert check_near_misses(result.table.drop("apart"), "table").equals(result.table)
 
 
 def test_the_causal_slope_of_a_line_is_its_slope_and_does_not_see_what_comes() -> None:

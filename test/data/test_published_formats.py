@@ -221,12 +221,14 @@ def test_longitude_and_latitude_are_no_metres_and_the_projection_is_named(tmp_pa
         import_trajectories(tmp_path, "described")
 
 
-def test_a_check_draws_the_first_pairs_and_says_extent_speeds_and_sizes(tmp_path):
+def test_a_check_draws_near_misses_and_says_extent_speeds_and_sizes(tmp_path):
     write_levelx(tmp_path)
-    said = check_recordings(IMPORTERS.find("levelx").read(tmp_path), tmp_path / "check.png")
+    said = check_recordings([tmp_path], ["levelx"], tmp_path / "check.png")
     assert (tmp_path / "check.png").stat().st_size > 10_000
     assert "median speeds: vehicles 6.00 m/s, pedestrians 1.50 m/s" in said
     assert "sizes of vehicles: 4.2 x 1.7 to 4.2 x 1.7 m" in said
+    assert "1 pairs, 1 near misses; 1 of them are drawn" in said
+    assert "left out 1 road users of class bicycle" in said
 
 
 def test_sizes_of_the_track_decide_when_it_touches(tmp_path):

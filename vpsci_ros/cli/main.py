@@ -71,29 +71,24 @@ def import_command(
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Draw the first pairs to OUTPUT.png, print extent and speeds; import nothing."),
+        typer.Option("--check", help="Draw near misses to OUTPUT.png, print extent and speeds; import nothing."),
     ] = False,
 ) -> None:
     """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
-    from vpsci_ros.data.importers import (
-        IMPORTERS,
-        import_folders,
-        named,
-        print_import_summary,
-        require_near_misses,
-    )
+    from vpsci_ros.data.importers import import_folders, named, print_import_summary, require_near_misses
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars
 
+    limit = math.inf if fastest is None else fastest
     if check:
         from vpsci_ros.report.recordings import check_recordings
 
         picture = output.with_suffix(".png")
-        print("\n".join(check_recordings(IMPORTERS.find(formats[0]).read(folders[0]), picture)))
+        print("\n".join(check_recordings(folders, formats, picture, limit)))
         print(f"written: {picture}")
         return
     with Bars(f"importing {', '.join(map(str, folders))}"):
-        result = import_folders(folders, formats, math.inf if fastest is None else fastest)
+        result = import_folders(folders, formats, limit)
     require_near_misses(result)
     result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)

@@ -17,11 +17,11 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
-from vpsci_ros.data.reference import AFTER, with_reference
+from vpsci_ros.data.reference import AFTER, with_apart, with_reference
 from vpsci_ros.documents import listed, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
-from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world.observation import STEP
 
 NEAR_MISS_COLUMNS: dict[str, Column] = {
@@ -48,12 +48,20 @@ NEAR_MISS_COLUMNS: dict[str, Column] = {
     "standing": Column(pl.Boolean, "", "the vehicle stands (below 0.5 m/s) at the first step with CurvTTC < 5 s"),
     "begins_critical": Column(pl.Boolean, "", "fewer than 3 steps before that one: the onset was not seen"),
     "contact": Column(pl.Boolean, "", "CurvTTC is 0 at some step"),
+    "apart": Column(pl.Boolean, "", "the two recorded paths never come within 5 m of each other"),
+    "group": Column(pl.Int64, "", "one number for all interactions of one vehicle at one time"),
+    "veh_name": Column(pl.String, "", "id of the vehicle in its recording"),
+    "ped_name": Column(pl.String, "", "id of the pedestrian in its recording"),
+    "veh_length": Column(pl.Float64, "m", "length of the vehicle"),
+    "veh_width": Column(pl.Float64, "m", "width of the vehicle"),
 }
 WORKED_OUT = ("curvttc_causal", "standing", "begins_critical", "contact")  # where a table does not have them
+DERIVED = ("apart", "group", "veh_name", "ped_name", "veh_length", "veh_width")  # likewise, without a warning
 _WHAT = "a near-miss table"
 _FLOATS = [name for name, column in NEAR_MISS_COLUMNS.items() if column.dtype is pl.Float64]
-_CONSTANT = ("source", "clip", "veh_id", "ped_id")
-_FLAGS = ("standing", "begins_critical", "contact")
+_SIZES = ("veh_length", "veh_width")
+_PAIR = ("source", "clip", "veh_id", "ped_id")
+_CONSTANT = (*_PAIR, "standing", "begins_critical", "contact", *DERIVED)  # within an interaction
 TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
 
 
@@ -63,7 +71,8 @@ def read_near_misses(name: str | Path) -> pl.DataFrame:
     :param name: a path, or "right_turns" for the one shipped with the package; NAME/PART: only clips whose names begin
         with "PART/", such as "right_turns/train", or that one clip.
 
-    Tables from before November 2026, and people's own, may lack the columns `WORKED_OUT`; a warning says so.
+    Tables from before November 2026, and people's own, may lack the columns `WORKED_OUT`; a warning says so. The
+    columns `DERIVED` say nothing that the other columns and the metadata do not say.
 
     :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
     :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy;
@@ -107,7 +116,8 @@ def write_near_misses(
     if compact:
         table = table.with_columns(pl.col(_FLOATS).round(4))
         rounded = table.select(pl.col(_FLOATS).cast(pl.Float32).cast(pl.Float64))
-        single = [name for name in _FLOATS if _same_to_a_tenth_of_a_millimetre(table[name], rounded[name])]
+        motion = [name for name in _FLOATS if name not in _SIZES]
+        single = [name for name in motion if _same_to_a_tenth_of_a_millimetre(table[name], rounded[name])]
         columns = columns | {name: columns[name]._replace(dtype=pl.Float32) for name in single}
         table = table.with_columns(pl.col(single).cast(pl.Float32))
     write_parquet(table, path, columns, content=_WHAT, **(metadata or {}))
@@ -131,11 +141,12 @@ def check_near_misses(
     """Return `table` with exactly the columns and types of `NEAR_MISS_COLUMNS`.
 
     :param where: what the table comes from, the opening of each error message.
-    :param sizes: source -> length and width of vehicles [m], for columns `WORKED_OUT` that the table does not have.
+    :param sizes: source -> length and width of vehicles [m], for columns that the table does not have; of other
+        sources those of the default vehicle.
     :raises InvalidInput: a missing column, a wrong type, a missing or not finite value, rows of an interaction that lie
         apart, are unsorted or have a gap, a heading that jumps, or an interaction that never falls below 5 s.
     """
-    given = [name for name in NEAR_MISS_COLUMNS if name in table.columns or name not in WORKED_OUT]
+    given = [name for name in NEAR_MISS_COLUMNS if name in table.columns or name not in (*WORKED_OUT, *DERIVED)]
     table = _typed(table, where, given)
     if table.is_empty():
         raise InvalidInput(f"{where}: {_WHAT} without a row; import recordings that hold near misses")
@@ -145,13 +156,42 @@ def check_near_misses(
             bad = pl.col(name).is_nan() | (pl.col(name) < 0.0)
         elif name in ("veh_speed", "distance"):
             bad = bad | (pl.col(name) < 0.0)
+        elif name in _SIZES:
+            bad = bad | (pl.col(name) <= 0.0)
         _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
     _check_order(table, where, given)
     _check_motion(table, where)
-    if len(given) < len(NEAR_MISS_COLUMNS):
+    if not set(WORKED_OUT) <= set(given):
         worked_out = with_reference(table, sizes or {})
         table = worked_out.with_columns(table[name] for name in WORKED_OUT if name in given)
+    if not set(DERIVED) <= set(given):
+        derived = with_apart(_with_sizes(with_groups(table), sizes or {}))
+        table = derived.with_columns(table[name] for name in DERIVED if name in given)
     return table.select(list(NEAR_MISS_COLUMNS))
+
+
+def with_groups(table: pl.DataFrame) -> pl.DataFrame:
+    """Return a near-miss table with the column `group`, numbered from 0 in the order of its rows.
+
+    Interactions of one vehicle of one clip that have a step in common, or are linked by others that have, are a group:
+    one vehicle met several pedestrians at once, so that they say less than as many vehicles would.
+    """
+    vehicle, time = ["source", "clip", "veh_id"], pl.col("time")
+    spans = table.group_by("interaction", *vehicle, maintain_order=True).agg(begin=time.min(), end=time.max())
+    spans = spans.with_row_index("place").sort(*vehicle, "begin", maintain_order=True)
+    before = pl.col("end").cum_max().shift(1).over(vehicle)
+    spans = spans.with_columns(group=(pl.col("begin") > before).fill_null(True).cum_sum())
+    first = pl.col("place").min().over("group").rank("dense").cast(pl.Int64) - 1
+    numbers = spans.select("interaction", group=first)
+    return table.drop("group", strict=False).join(numbers, on="interaction", how="left", maintain_order="left")
+
+
+def _with_sizes(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]]) -> pl.DataFrame:
+    """Return a near-miss table with the ids that it has as names, and with the sizes of vehicles of each source."""
+    own = [sizes.get(source, (VEHICLE_LENGTH, VEHICLE_WIDTH)) for source in table["source"]]
+    side = {name: pl.Series([size[i] for size in own], dtype=pl.Float64) for i, name in enumerate(_SIZES)}
+    names = {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
+    return table.with_columns(**names, **side)
 
 
 _EXPECTED = {
@@ -159,6 +199,8 @@ _EXPECTED = {
     "curvttc_causal": "a time not below 0, infinity where no collision is predicted, never NaN",
     "veh_speed": "a speed not below 0",
     "distance": "a distance not below 0",
+    "veh_length": "a size above 0",
+    "veh_width": "a size above 0",
 }
 
 
@@ -189,7 +231,7 @@ def _check_order(table: pl.DataFrame, where: str, given: list[str]) -> None:
             "interaction a number of its own"
         )
     inside = ~first.fill_null(True)
-    for name in (*_CONSTANT, *(name for name in _FLAGS if name in given)):
+    for name in (name for name in _CONSTANT if name in given):
         _refuse_first(table, inside & (pl.col(name) != pl.col(name).shift(1)), name, where, "one value an interaction")
     gap = inside & (pl.col("step") != pl.col("step").shift(1) + 1)
     _refuse_first(table, gap, "step", where, "the step before plus 1: sort the rows, split interactions at gaps")
@@ -237,13 +279,13 @@ def _refuse_first(table: pl.DataFrame, bad: pl.Expr, name: str, where: str, expe
 
 
 def concat_near_misses(tables: list[pl.DataFrame]) -> pl.DataFrame:
-    """Return near-miss tables as one, interactions numbered again from 0 in order.
+    """Return near-miss tables as one, interactions and groups numbered again from 0 in order.
 
     :raises InvalidInput: no table, a clip in two of them, or the same interaction of the same source twice.
     """
     if not tables:
         raise InvalidInput("expected at least one near-miss table, got none")
-    parts, count, seen = [], 0, set[str]()
+    parts, count, groups, seen = [], 0, 0, set[str]()
     for table in tables:
         if both := seen.intersection(own := clips_of(table)):
             raise InvalidInput(
@@ -253,10 +295,12 @@ def concat_near_misses(tables: list[pl.DataFrame]) -> pl.DataFrame:
             )
         seen.update(own)
         numbers = table["interaction"].rle_id().cast(pl.Int64) + count
-        parts.append(table.with_columns(numbers.alias("interaction")))
+        group = table["group"].rank("dense").cast(pl.Int64) - 1 + groups
+        parts.append(table.with_columns(numbers.alias("interaction"), group.alias("group")))
+        groups += table["group"].n_unique()
         count = 1 + int(numbers.max()) if len(numbers) else count  # type: ignore[arg-type]
     whole = pl.concat(parts)
-    begin = [*_CONSTANT, "time"]
+    begin = [*_PAIR, "time"]
     twice = whole.filter(pl.col("interaction").is_first_distinct()).filter(pl.struct(begin).is_duplicated())
     if twice.height:
         raise InvalidInput(

@@ -12,7 +12,7 @@ from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.world.observation import STEP
 
-FLAGS = ("standing", "begins_critical", "contact")
+FLAGS = ("standing", "begins_critical", "contact", "apart")
 """Columns of the table that become marks of its episodes."""
 
 
@@ -27,7 +27,7 @@ def recorded_list(table: pl.DataFrame) -> list[Listed]:
 def recorded_episodes(
     table: pl.DataFrame, wanted: Collection[str] | None = None, source: str = ""
 ) -> Iterator[Episode]:
-    """Yield the interactions of a near-miss table as episodes, vehicles of the size of their source.
+    """Yield the interactions of a near-miss table as episodes, vehicles of the size that the table says.
 
     :param wanted: names; None: all.
     """
@@ -43,7 +43,7 @@ def _listed(number: int, source: str, clip: str, least: float) -> Listed:
 def _episode(part: pl.DataFrame, source: str) -> Episode:
     column = {name: part[name].to_numpy() for name in part.columns if part[name].dtype == pl.Float64}
     own = part["source"][0]
-    length, width = vehicle_size(own)
+    length, width = (float(part[name][0]) for name in ("veh_length", "veh_width"))
     x, y, heading, speed = (column[f"veh_{name}"] for name in ("x", "y", "heading", "speed"))
     walk = (column[name][None] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance"))
     px, py, vx, vy, curvttc, distance = walk

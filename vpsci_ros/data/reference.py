@@ -1,8 +1,10 @@
 """What makes a near miss a good example of what people do, and which of its rows are about the danger.
 
-A near-miss table keeps the whole joint track of a pair. Three flags say what an interaction cannot be an example of: a
+A near-miss table keeps the whole joint track of a pair. Four flags say what an interaction cannot be an example of: a
 car that stands does not drive into anybody; a track that begins critical has no onset and no approach; a contact
-between two people who both went home is an error of size or place. `around_critical` cuts the rows that learning takes.
+between two people who both went home is an error of size or place; two agents whose paths stay apart never met, since
+the circle on which the car drove for a moment led to somebody on another arm. `around_critical` cuts the rows that
+learning takes.
 """
 
 from collections.abc import Mapping
@@ -23,10 +25,12 @@ from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 STANDING_SPEED = 0.5  # [m/s] a vehicle below it at the first critical step stands
+APART = 5.0  # [m] two paths that never come so near to each other are apart
 LEAST_BEFORE = 3  # steps before the first critical one; with fewer a track begins critical
 BEFORE = 10  # steps before the first critical one that learning takes
 AFTER = 10  # steps after the last critical one that learning takes
 _STATE = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx", "ped_vy")
+_BLOCK = 512  # steps of a path whose distances to the other one are computed at once
 _YAW_WINDOW = 4  # steps back over which the causal yaw rate is a slope
 
 
@@ -68,8 +72,31 @@ def flags(ttc: Floats, speed: Floats) -> dict[str, bool]:
     }
 
 
+def paths_apart(columns: Mapping[str, Floats]) -> bool:
+    """Return whether the two recorded paths never come within `APART` of each other, at whatever times.
+
+    :param columns: veh_x, veh_y, ped_x, ped_y [m], float64[T] each.
+    """
+    x, y = columns["veh_x"][:, None], columns["veh_y"][:, None]
+    for begin in range(0, len(columns["ped_x"]), _BLOCK):
+        px, py = (columns[name][begin : begin + _BLOCK] for name in ("ped_x", "ped_y"))
+        if (np.hypot(px - x, py - y) < APART).any():
+            return False
+    return True
+
+
+def with_apart(table: pl.DataFrame) -> pl.DataFrame:
+    """Return a near-miss table with the flag `apart` worked out from its rows."""
+    columns = {name: table[name].to_numpy() for name in ("veh_x", "veh_y", "ped_x", "ped_y")}
+    lengths = table["interaction"].rle().struct.field("len").to_numpy()
+    ends = np.cumsum(lengths)
+    parts = (slice(end - length, end) for length, end in zip(lengths, ends, strict=True))
+    values = [paths_apart({name: column[part] for name, column in columns.items()}) for part in parts]
+    return table.with_columns(apart=pl.Series(np.repeat(np.array(values, np.bool_), lengths), dtype=pl.Boolean))
+
+
 def with_reference(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]]) -> pl.DataFrame:
-    """Return a near-miss table with `curvttc_causal` and the flags worked out from its rows.
+    """Return a near-miss table with `curvttc_causal` and the flags but `apart` worked out from its rows.
 
     :param sizes: source -> length and width of its vehicles [m]; other sources have the default vehicle's.
     """
@@ -84,8 +111,8 @@ def with_reference(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]]
 
 
 def clean(table: pl.DataFrame) -> pl.DataFrame:
-    """Return the interactions of a near-miss table whose vehicle drives and whose onset was seen."""
-    return table.filter(~pl.col("standing") & ~pl.col("begins_critical"))
+    """Return the interactions of a near-miss table whose vehicle drives, whose onset was seen and whose paths meet."""
+    return table.filter(~pl.col("standing") & ~pl.col("begins_critical") & ~pl.col("apart"))
 
 
 def around_critical(table: pl.DataFrame) -> pl.DataFrame:

@@ -1,53 +1,124 @@
-"""Recordings before they are imported: the first pairs as a picture, and sizes, speeds and distances of all."""
+"""Recordings before they are imported: near misses as a picture, and sizes, speeds and distances of all."""
 
-import itertools
-from collections.abc import Iterable
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
 
-from vpsci_ros.data.importers import Clip
+from vpsci_ros.data.importers import Clip, ImportResult, Track, imported_clips
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png
+from vpsci_ros.safety import CRITICAL_TTC
 
-SHOWN = 6  # pairs
+COLUMNS = 3  # pictures in a row
+ROWS = 2  # rows of one folder; of several folders each has one row
 _CAR, _PERSON = "#08519c", "#a50f15"
+_CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+
+Floats = NDArray[np.float64]
 
 
-def check_recordings(clips: Iterable[Clip], path: str | Path) -> list[str]:
-    """Draw the first pairs of a vehicle and a pedestrian that are recorded at the same time, as a PNG.
+def check_recordings(
+    folders: Sequence[Path], formats: Sequence[str], path: str | Path, fastest: float = math.inf
+) -> list[str]:
+    """Draw near misses of each folder as a PNG: the ways of both agents, and the outline of the vehicle at the onset.
 
-    :param clips: read until there are `SHOWN` pairs.
-    :returns: extent [m] of these clips, median speeds [m/s] and sizes [m], one line each.
-    :raises InvalidInput: there is no pair, or see `clips`.
+    They are spread evenly over the near misses of the folder. Of a folder without one the first pairs are drawn.
+
+    :param formats: one for each folder, or one for all; fastest: see `import_folders`.
+    :returns: lines about each folder: tracks, extent [m], speeds [m/s], sizes [m], near misses, what is left out.
+    :raises InvalidInput: a folder holds no vehicle and pedestrian at the same time, or see `import_folders`.
     """
-    read, pairs = [], []
-    for clip in clips:
-        read.append(clip)
-        both = itertools.product(clip.vehicles, clip.pedestrians)
-        pairs += [(clip.name, car, one) for car, one in both if car.first <= one.last and one.first <= car.last]
-        if len(pairs) >= SHOWN:
-            break
-    if not pairs:
-        raise InvalidInput(f"{len(read)} clips without a vehicle and a pedestrian at the same time: check the classes")
-    figure, axes = new_figure(12.0, 8.0, 2, SHOWN // 2)
-    for axis, (name, car, one) in zip(axes.flat, pairs, strict=False):
-        for track, colour in ((car, _CAR), (one, _PERSON)):
-            axis.plot(track.values["x"], track.values["y"], color=colour, linewidth=1.5)
-            axis.plot(track.values["x"][-1:], track.values["y"][-1:], "o", color=colour, markersize=4)
-        axis.set_title(f"{name}: vehicle {car.number}, pedestrian {one.number}", fontsize=8)
-        axis.set_aspect("equal", adjustable="datalim")
+    read = imported_clips(folders, formats, fastest)
+    rows = ROWS if len(read) == 1 else len(read)
+    figure, axes = new_figure(4.0 * COLUMNS, 4.0 * rows, rows, COLUMNS)
+    grid, lines = list(axes.flat), []
+    each = len(grid) // len(read)
+    for number, (folder, (clips, result)) in enumerate(zip(folders, read, strict=True)):
+        own = grid[number * each : (number + 1) * each]
+        drawn = _draw_near_misses(own, result.table) or _draw_pairs(own, clips)
+        if not drawn:
+            raise InvalidInput(
+                f"{folder}: {len(clips)} clips without a vehicle and a pedestrian at the same time: check the classes"
+            )
+        for axis in own:
+            axis.set_visible(axis.has_data())
+        before = f"{folder.name}: " if len(read) > 1 else ""
+        lines += [before + line for line in (*_facts(clips), *_found(result, drawn))]
     save_png(figure, path)
-    cars = [track for clip in read for track in clip.vehicles]
-    people = [track.values for clip in read for track in clip.pedestrians]
+    return lines
+
+
+def _draw_near_misses(axes: Sequence[Axes], table: pl.DataFrame) -> int:
+    """Draw interactions that are spread evenly over a table; return how many."""
+    numbers = table["interaction"].unique(maintain_order=True).to_list()
+    places = np.linspace(0.0, len(numbers) - 1, min(len(axes), len(numbers)))
+    for axis, number in zip(axes, (numbers[round(place)] for place in places), strict=False):
+        own = table.filter(pl.col("interaction") == number)
+        vehicle, walker = (own.select(f"{who}_x", f"{who}_y").to_numpy() for who in ("veh", "ped"))
+        onset = int((own["curvttc"] < CRITICAL_TTC).arg_max() or 0)
+        at = own.row(onset, named=True)
+        _draw(axis, vehicle, walker, f"{at['clip']}: near miss {number}, {at['veh_name']} and {at['ped_name']}")
+        cos, sin = math.cos(at["veh_heading"]), math.sin(at["veh_heading"])
+        corners = _CORNERS * [0.5 * at["veh_length"], 0.5 * at["veh_width"]] @ [[cos, sin], [-sin, cos]]
+        axis.add_patch(Polygon(corners + vehicle[onset], fill=False, edgecolor=_CAR))
+        axis.plot(*walker[onset], "+", color=_PERSON)
+    return len(places)
+
+
+def _draw_pairs(axes: Sequence[Axes], clips: Sequence[Clip]) -> int:
+    """Draw the first vehicles and pedestrians that are there at the same time; return how many pairs."""
+    count = 0
+    for axis, (name, car, one) in zip(axes, _pairs(clips), strict=False):
+        places = [np.column_stack([track.values["x"], track.values["y"]]) for track in (car, one)]
+        _draw(axis, *places, f"{name}: no near miss, {car.name or car.number} and {one.name or one.number}")
+        count += 1
+    return count
+
+
+def _pairs(clips: Sequence[Clip]) -> Iterator[tuple[str, Track, Track]]:
+    for clip in clips:
+        for car in clip.vehicles:
+            for one in clip.pedestrians:
+                if car.first <= one.last and one.first <= car.last:
+                    yield clip.name, car, one
+
+
+def _draw(axis: Axes, vehicle: Floats, walker: Floats, title: str) -> None:
+    """Draw two ways [T, 2] [m], whose ends have a dot."""
+    for way, colour in ((vehicle, _CAR), (walker, _PERSON)):
+        axis.plot(way[:, 0], way[:, 1], color=colour, linewidth=1.5)
+        axis.plot(*way[-1], "o", color=colour, markersize=4)
+    axis.set_title(title, fontsize=8)
+    axis.set_aspect("equal", adjustable="datalim")
+
+
+def _facts(clips: Sequence[Clip]) -> list[str]:
+    cars = [track for clip in clips for track in clip.vehicles]
+    people = [track.values for clip in clips for track in clip.pedestrians]
     x, y = (np.concatenate([each[name] for each in (*(car.values for car in cars), *people)]) for name in ("x", "y"))
     speeds = [np.concatenate([car.values["speed"] for car in cars])]
     speeds.append(np.concatenate([np.hypot(one["vx"], one["vy"]) for one in people]))
     sizes = sorted({tuple(round(side, 1) for side in car.size) for car in cars if car.size})
     known = f"{' x '.join(map(str, sizes[0]))} to {' x '.join(map(str, sizes[-1]))} m" if sizes else "the format's"
     return [
-        f"{len(read)} clips, {len(cars)} tracks of vehicles, {len(people)} of pedestrians",
+        f"{len(clips)} clips, {len(cars)} tracks of vehicles, {len(people)} of pedestrians",
         f"extent: {np.ptp(x):.1f} x {np.ptp(y):.1f} m",
-        f"median speeds: vehicles {np.median(speeds[0]):.2f} m/s, pedestrians {np.median(speeds[1]):.2f} m/s",
+        f"median speeds: vehicles {np.nanmedian(speeds[0]):.2f} m/s, pedestrians {np.median(speeds[1]):.2f} m/s",
         f"sizes of vehicles: {known}",
+    ]
+
+
+def _found(result: ImportResult, drawn: int) -> list[str]:
+    (summary,) = result.summaries
+    shown = f"{drawn} of them are drawn" if summary.near_misses else f"the first {drawn} pairs are drawn"
+    return [
+        summary.speeds,
+        f"{summary.pairs:,} pairs, {summary.near_misses:,} near misses; {shown}",
+        *(f"left out {count:,} {text}" for text, count in summary.left_out.items()),
     ]

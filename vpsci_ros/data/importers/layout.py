@@ -7,7 +7,7 @@ takes a table by it, compares frame rate, units and headings with the motion its
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from vpsci_ros.data.importers.tracks import (
     BACKWARDS,
     GAPS,
     LARGEST,
+    LINE,
     MAX_GAP,
     WHOLE,
     Clip,
@@ -42,8 +43,8 @@ RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
 ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
 FASTEST_PEDESTRIAN, FASTEST_VEHICLE = 12.0, 60.0  # [m/s] faster is a jump: another road user has the track's id
 DRIVEN = 0.5  # [m] that a vehicle without a heading drives before its heading changes
-NO_HEADING = f"vehicles without a heading that drive less than {DRIVEN:g} m"  # a count of `Clip.left_out`
 _STANDING = 0.3  # [m/s] a vehicle that takes longer than that for `DRIVEN` has stood
+_BOX = ("x_min", "y_min", "x_max", "y_max")
 _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
 
@@ -51,8 +52,9 @@ _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 class Layout:
     """What the columns of a table of tracks are.
 
-    :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y`, and where there are `vx`, `vy`, `speed` (of vehicles,
-        along their heading), `heading`, `length`, `width`: the name of the column.
+    :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y` (or `x_min`, `y_min`, `x_max`, `y_max` of a box), and
+        where there are `vx`, `vy`, `speed` (of vehicles, along their heading), `heading`, `length`, `width`: the name
+        of the column.
     :ivar vehicles, pedestrians: values of `class` that count as such, in small letters; others are left out. Without a
         column `class` every track is of the one kind for which this says anything.
     :ivar frame_rate: frames a second, where there is `frame`.
@@ -80,12 +82,14 @@ class Layout:
             object.__setattr__(self, name, frozenset(value.lower() for value in getattr(self, name)))
 
 
-def read_csv(path: Path, delimiter: str = ",") -> pl.DataFrame:
+def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
     """Return a CSV file as text.
+
+    :param header: the first line has the names of columns; without it they are called 1, 2, and so on.
 
     :raises InvalidInput: it cannot be read, or is empty.
     """
-    text = read_text(path, delimiter)
+    text = read_text(path, delimiter, header=header)
     if text.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
     return text
@@ -102,8 +106,10 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     left_out: Counter[str] = Counter()
     assumed: list[str] = []
 
-    def pieces(tracks: pl.DataFrame, layout: Layout, path: Path, whose: str, fastest: float) -> Iterator[Track]:
-        rate = _rate(layout)
+    def pieces(
+        rows: tuple[pl.DataFrame, Mapping[int, str]], layout: Layout, path: Path, whose: str, fastest: float
+    ) -> Iterator[Track]:
+        (tracks, names), rate = rows, _rate(layout)
         gap = longest_gap(tracks, rate, path)
         tracks, jumps = _without_jumps(tracks, rate, fastest)
         left_out[f"speeds of {whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
@@ -113,22 +119,24 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
                 f"rows are {spacing(tracks, rate):.2g} s apart, between them motion is interpolated; "
                 f"tracks are cut at gaps of more than {gap:.2g} s"
             )
-        return resample(tracks, rate, "heading", gap, fastest)
+        found = resample(tracks, rate, "heading", gap, fastest)
+        return (replace(track, name=names.get(track.number, "")) for track in found)
 
     for path, (table, layout) in parts.items():
         require_columns(table, layout.columns.values(), path)
         left_out.update(_other_classes(table, layout))
-        if len(walkers := _canonical(table, layout, layout.pedestrians, path)):
+        walkers = _canonical(table, layout, layout.pedestrians, path)
+        if walkers[0].height:
             walking = pieces(walkers, layout, path, "pedestrians", FASTEST_PEDESTRIAN)
             pedestrians += [_pedestrian(track) for track in walking]
-        if len(cars := _canonical(table, layout, layout.vehicles, path)):
+        cars, names = _canonical(table, layout, layout.vehicles, path)
+        if cars.height:
             if "heading" in cars.columns:
                 _check_heading(cars, layout, path)
             forward, backwards = _forward(cars)
             left_out[BACKWARDS] += backwards
-            driving = [_vehicle(track) for track in pieces(forward, layout, path, "vehicles", FASTEST_VEHICLE)]
-            left_out[NO_HEADING] += driving.count(None)
-            vehicles += [track for track in driving if track is not None]
+            driving = pieces((forward, names), layout, path, "vehicles", FASTEST_VEHICLE)
+            vehicles += [_vehicle(track) for track in driving]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
             without = len({track.number for track in vehicles if track.size is None})
@@ -164,15 +172,22 @@ def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
     return {f"road users of class {name}": count for name, count in counts.items() if name not in known}
 
 
-def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path) -> pl.DataFrame:
-    """Return the rows of some classes as id, frame, x, y [m], and of vx, vy, heading, length, width what there is."""
-    line = pl.Series("line", np.arange(2, table.height + 2))
+def _canonical(
+    table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path
+) -> tuple[pl.DataFrame, dict[int, str]]:
+    """Return the rows of some classes as id, frame, x, y [m], and of vx, vy, heading, length, width what there is.
+
+    Beside them the ids that are no numbers, by the numbers that they have in these rows.
+    """
+    line = table[LINE] if LINE in table.columns else pl.Series("line", np.arange(2, table.height + 2))
     mine = _classes(table, layout).is_in(list(kinds))
     rows, line = table.filter(mine), line.filter(mine)
     names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
     if kinds == layout.pedestrians:
-        names = [name for name in names if name in ("x", "y", "vx", "vy")]
-    found = {"id": _ids(rows, line, layout.columns["id"], path)}
+        names = [name for name in names if name in ("x", "y", *_BOX, "vx", "vy")]
+    found, own = {"id": _ids(rows, line, layout.columns["id"], path)}, rows[layout.columns["id"]]
+    texts = own.cast(pl.Float64, strict=False).null_count()
+    named = dict(pl.DataFrame({"id": found["id"], "name": own.cast(pl.String)}).unique().rows()) if texts else {}
     clock = layout.columns["frame" if "frame" in layout.columns else "time"]
     ticks = _numbers(rows, line, clock, path)
     if "time" in layout.columns:
@@ -180,6 +195,9 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
     found["frame"] = _whole(ticks, line, clock, path)
     for name in names:
         found[name] = _numbers(rows, line, layout.columns[name], path) * (1.0 if name == "heading" else layout.metres)
+    if "x_min" in found:
+        low_x, low_y, high_x, high_y = (found.pop(name) for name in _BOX)
+        found |= {"x": 0.5 * (low_x + high_x), "y": 0.5 * (low_y + high_y)}
     if "heading" in found and layout.degrees:
         found["heading"] = found["heading"].radians()
     if "heading" in found and layout.compass:
@@ -194,7 +212,7 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
     tracks = tracks.drop("line")
     if "vx" in found and layout.speeds_agree:
         check_rate(tracks, _rate(layout), path)
-    return tracks
+    return tracks, named
 
 
 def _ids(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl.Series:
@@ -319,26 +337,23 @@ def _velocity(own: Mapping[str, Floats]) -> tuple[Floats, Floats]:
 
 def _pedestrian(track: Track) -> Track:
     vx, vy = _velocity(track.values)
-    return Track(track.number, track.first, {"x": track.values["x"], "y": track.values["y"], "vx": vx, "vy": vy})
+    return replace(track, values={"x": track.values["x"], "y": track.values["y"], "vx": vx, "vy": vy})
 
 
-def _vehicle(track: Track) -> Track | None:
-    """Return the track of a vehicle; None: it has no heading, and does not drive far enough to show one."""
+def _vehicle(track: Track) -> Track:
+    """Return the track of a vehicle; its heading is NaN where nothing says it, see `Clip`."""
     own, size = track.values, None
     vx, vy = _velocity(own)
     heading = own["heading"] if "heading" in own else _courses(own["x"], own["y"], vx, vy)
-    if heading is None:
-        return None
-    along = own["speed"] if "speed" in own else vx * np.cos(heading) + vy * np.sin(heading)
-    speed = np.maximum(along, 0.0)
+    speed = np.maximum(own["speed"] if "speed" in own else vx * np.cos(heading) + vy * np.sin(heading), 0.0)
     if "length" in own and own["length"][0] > 0.0 and own["width"][0] > 0.0:
         size = float(np.median(own["length"])), float(np.median(own["width"]))
     values = {"x": own["x"], "y": own["y"], "heading": heading, "speed": speed}
-    return Track(track.number, track.first, values, size)
+    return replace(track, values=values, size=size)
 
 
-def _courses(x: Floats, y: Floats, vx: Floats, vy: Floats) -> Floats | None:
-    """Return directions of motion [rad], unwrapped, float64[T]; None: the vehicle drives less than `DRIVEN`.
+def _courses(x: Floats, y: Floats, vx: Floats, vy: Floats) -> Floats:
+    """Return directions of motion [rad], unwrapped, float64[T]; NaN where the vehicle never drives `DRIVEN`.
 
     Above `MOVING` the velocity says the direction, below it the last `DRIVEN` metres of the way. Until a vehicle has
     driven so far it keeps its heading, since the velocity of a standing vehicle is noise. Before its first direction it
@@ -346,7 +361,7 @@ def _courses(x: Floats, y: Floats, vx: Floats, vy: Floats) -> Floats | None:
     """
     anchors = _anchors(x, y)
     if len(anchors) < 2:
-        return None
+        return np.full(len(x), np.nan)
     begins, ends = anchors[:-1], anchors[1:]
     took = STEP * np.diff([*anchors, len(x) - 1])
     brisk = took[np.searchsorted(ends, np.arange(len(x)), side="right")] < DRIVEN / _STANDING

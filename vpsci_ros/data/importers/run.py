@@ -16,8 +16,8 @@ from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.tracks import FAST, Clip, Importer, Track, median_speed, require_source, slope
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
-from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, concat_near_misses
-from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
+from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, concat_near_misses, with_groups
+from vpsci_ros.data.reference import causal_curvttc, flags, paths_apart, trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.runs.provenance import software_versions
@@ -177,7 +177,7 @@ def require_near_misses(result: ImportResult) -> None:
             f"{CRITICAL_TTC:g} s of CurvTTC; left out: {left_out}"
         )
     cause = (
-        "nobody meets a vehicle closely; if they should, check units, axes and headings (--check draws the first pairs)"
+        "nobody meets a vehicle closely; if they should, check units, axes and headings (--check draws pairs)"
         if any(one.pairs for one in result.summaries)
         else "no vehicle is there when a pedestrian is; check the times of both, and which classes are named"
     )
@@ -215,14 +215,15 @@ def near_misses_of(
     left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
     names: set[str] = set()
-    for clip in (each.without_faster(fastest) for each in clips):
+    for recorded in clips:
+        _require_metres(source, recorded)
+        clip = recorded.with_headings().without_faster(fastest)
         if clip.name in names:
             raise InvalidInput(
                 f"{source}: two recordings are called {clip.name}; rename one, or give their folders one by one, which "
                 "tells clips of one name apart"
             )
         names.add(clip.name)
-        _require_metres(source, clip)
         fast += sum(median_speed(track) > FAST for track in clip.pedestrians)
         vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
         left_out.update(clip.left_out)
@@ -234,8 +235,7 @@ def near_misses_of(
                 left_out[BRIEF] += 1
             elif near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
-                table = near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
-                parts.append(table.select(list(NEAR_MISS_COLUMNS)))
+                parts.append(near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name)))
     events = any(what.startswith("events") for what in left_out)  # whole pairs, each for a reason of its own
     if names and not (vehicles and pedestrians) and not events:
         others = ", ".join(f"{count:,} {what}" for what, count in (+left_out).items()) or "nothing"
@@ -244,7 +244,7 @@ def near_misses_of(
             f"{source}: no {what} in {len(names)} clips; left out were {others}; name the classes as there"
         )
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
-    table = pl.concat(parts) if parts else empty
+    table = with_groups(pl.concat(parts)).select(list(NEAR_MISS_COLUMNS)) if parts else empty
     summary = SourceSummary(
         source,
         clips=len(names),
@@ -322,12 +322,18 @@ def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, c
             "time": (first + steps) * STEP,
             "veh_id": np.full(len(ttc), vehicle.number),
             "ped_id": np.full(len(ttc), pedestrian.number),
+            "veh_name": vehicle.name or str(vehicle.number),
+            "ped_name": pedestrian.name or str(pedestrian.number),
+            "veh_length": float(length),
+            "veh_width": float(width),
             **columns,
             "curvttc": ttc,
             "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"]),
             "curvttc_causal": causal_curvttc(columns, veh["yaw_rate_causal"], length, width),
         }
-    ).with_columns(**{name: pl.lit(value) for name, value in flags(ttc, veh["speed"]).items()})
+        | flags(ttc, veh["speed"])
+        | {"apart": paths_apart(columns)}
+    )
 
 
 BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "cqut-pvi": CQUT_PVI, "described": DESCRIBED}
@@ -342,8 +348,30 @@ def import_trajectories(folder: str | Path, format_name: str, fastest: float = m
     :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should.
     """
     importer, folder = IMPORTERS.find(format_name), Path(folder)
-    source, clips = importer.source(folder) or format_name, importer.read(folder)
+    return _near_misses_of_folder(importer, folder, format_name, importer.read(folder), fastest)
+
+
+def _near_misses_of_folder(
+    importer: Importer, folder: Path, format_name: str, clips: Iterable[Clip], fastest: float
+) -> ImportResult:
+    source = importer.source(folder) or format_name
     return near_misses_of(source, clips, length=importer.length, width=importer.width, fastest=fastest)
+
+
+def imported_clips(
+    folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf
+) -> list[tuple[list[Clip], ImportResult]]:
+    """Return the clips of each folder and their near misses.
+
+    :param formats: one for each folder, or one for all; fastest: see `import_trajectories`.
+    :raises InvalidInput: formats that do not match the folders, or see `import_trajectories`.
+    """
+    found = []
+    for folder, form in _with_formats(folders, formats):
+        importer = IMPORTERS.find(form)
+        clips = list(importer.read(folder))
+        found.append((clips, _near_misses_of_folder(importer, folder, form, clips, fastest)))
+    return found
 
 
 def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf) -> ImportResult:
@@ -353,14 +381,21 @@ def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastes
     :param fastest: median speed of a pedestrian above which it is left out [m/s].
     :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
     """
-    if len(formats) == 1:
-        formats = list(formats) * len(folders)
-    if not folders or len(formats) != len(folders):
-        raise InvalidInput(
-            f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(formats)} formats"
-        )
-    results = [import_trajectories(folder, form, fastest) for folder, form in zip(folders, formats, strict=True)]
+    results = [import_trajectories(folder, form, fastest) for folder, form in _with_formats(folders, formats)]
     return joined(told_apart([Path(folder) for folder in folders], results))
+
+
+def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list[tuple[Path, str]]:
+    """Return each folder with its format.
+
+    :raises InvalidInput: no folder, or neither one format for each folder nor one for all.
+    """
+    forms = list(formats) * len(folders) if len(formats) == 1 else list(formats)
+    if not folders or len(forms) != len(folders):
+        raise InvalidInput(
+            f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(forms)} formats"
+        )
+    return [(Path(folder), form) for folder, form in zip(folders, forms, strict=True)]
 
 
 def told_apart(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
@@ -396,7 +431,9 @@ def _have_clips_in_common(tables: Sequence[pl.DataFrame]) -> bool:
 def _refuse_copies(folders: Sequence[Path], tables: Sequence[pl.DataFrame]) -> None:
     seen: dict[tuple[str, int], tuple[Path, pl.DataFrame]] = {}
     for folder, table in zip(folders, tables, strict=True):
-        for (clip,), rows in table.drop("interaction").partition_by("clip", as_dict=True, maintain_order=True).items():
+        for (clip,), rows in (
+            table.drop("interaction", "group").partition_by("clip", as_dict=True, maintain_order=True).items()
+        ):
             other, theirs = seen.setdefault((str(clip), rows.height), (folder, rows))
             if other != folder and theirs.equals(rows):
                 raise InvalidInput(f"{folder}: its clip {clip} is that of {other} to the bit; give each recording once")

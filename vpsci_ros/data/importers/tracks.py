@@ -26,6 +26,8 @@ LONGEST_LINE = 2**16  # [bytes] of the first line, with the columns' names: a hu
 LARGEST = 2.0**53  # above it a float64 does not hold every whole number
 WHOLE = r"^([+-]?\d+)\.0*$"  # a whole number as pandas writes it where values are missing
 BACKWARDS = "frames of vehicles that drive backwards"  # a count of `Clip.left_out`
+NO_HEADING = "vehicles without a heading that never drive 0.5 m"  # a count of `SourceSummary.left_out`
+LINE = "line in the file"  # a column with the number of each row's line, for error messages
 FAST = 2.5  # [m/s] a pedestrian whose median speed exceeds it may ride a bicycle
 _WALKS = 0.5  # [m/s] above it a pedestrian moves
 _SLACK = 0.05  # by which times may differ from the rate
@@ -40,12 +42,14 @@ class Track:
     :ivar first: k of the first value.
     :ivar values: column name -> float64[T], one value a grid step.
     :ivar size: length and width [m] of a vehicle, where its recording says; None: see `Importer`.
+    :ivar name: the id in the recording; "": its number.
     """
 
     number: int
     first: int
     values: dict[str, Floats]
     size: tuple[float, float] | None = None
+    name: str = ""
 
     @property
     def last(self) -> int:
@@ -58,9 +62,9 @@ class Clip:
     """One recording: tracks on the 0.1 s grid under the near-miss table's names, without their `veh_` and `ped_`.
 
     Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]), right-handed, in metres, m/s and radians
-    counter-clockwise from x. `left_out` counts what is not among them by what it is, say frames of vehicles that drive
-    backwards, which is not a near miss that CurvTTC describes. `assumed` says in a few words what the recording does
-    not hold.
+    counter-clockwise from x. The heading of a vehicle is NaN where nothing says it. `left_out` counts what is not among
+    them by what it is, say frames of vehicles that drive backwards, which is not a near miss that CurvTTC describes.
+    `assumed` says in a few words what the recording does not hold.
     """
 
     name: str
@@ -72,6 +76,12 @@ class Clip:
     def with_size(self, length: float, width: float) -> "Clip":
         """Return the clip with this size [m] for vehicles whose tracks have none."""
         return replace(self, vehicles=[replace(each, size=each.size or (length, width)) for each in self.vehicles])
+
+    def with_headings(self) -> "Clip":
+        """Return the clip without vehicles whose heading is NaN; `left_out` counts them."""
+        known = [track for track in self.vehicles if not np.isnan(track.values["heading"]).any()]
+        count = {NO_HEADING: len(self.vehicles) - len(known)}
+        return replace(self, vehicles=known, left_out=Counter(self.left_out) + Counter(count))
 
     def without_faster(self, fastest: float) -> "Clip":
         """Return the clip without pedestrians whose `median_speed` exceeds `fastest` [m/s]; `left_out` counts them."""
@@ -111,12 +121,13 @@ def median_speed(pedestrian: Track) -> float:
     return float(np.median(speed[speed > _WALKS])) if (speed > _WALKS).any() else 0.0
 
 
-def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
+def read_text(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
     """Return a CSV file with every value as text, without the marks that programs leave on it.
 
     UTF-16 is known by its mark; a header without `delimiter` may have ";" or tabs, with which decimal commas are
     allowed; spaces around names and values go, and so does the ".0" that a table program adds to whole numbers.
 
+    :param header: the first line has the names of columns; without it they are called 1, 2, and so on.
     :raises InvalidInput: it cannot be read, or two columns have one name.
     """
     require_regular(path)
@@ -125,10 +136,10 @@ def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
         if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             data = data.decode("utf-16").encode()
         require_short_line(data, path)
-        header = data.partition(b"\n")[0].decode("utf-8-sig")
-        delimiter = next((each for each in (delimiter, ";", "\t") if each in header), delimiter)
-        table = pl.read_csv(data, infer_schema=False, separator=delimiter)
-        table.columns = [name.strip() for name in table.columns]
+        first = data.partition(b"\n")[0].decode("utf-8-sig")
+        delimiter = next((each for each in (delimiter, ";", "\t") if each in first), delimiter)
+        table = pl.read_csv(data, infer_schema=False, separator=delimiter, has_header=header)
+        table.columns = [name.strip() if header else str(i + 1) for i, name in enumerate(table.columns)]
     except (pl.exceptions.PolarsError, OSError, UnicodeError) as error:
         raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from error
     text = pl.all().str.strip_chars()
@@ -154,7 +165,7 @@ def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> No
     if missing:
         raise InvalidInput(
             f"{path}: expected columns {', '.join(names)}; {', '.join(missing)} is missing, the file has "
-            f"{', '.join(table.columns)}; take the file as published"
+            f"{', '.join(name for name in table.columns if name != LINE)}; take the file as published"
         )
 
 

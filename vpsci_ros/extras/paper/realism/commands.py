@@ -46,7 +46,8 @@ def realism(
         bool, typer.Option("--held-out", help="Measure only clips that none of the weights has learned from.")
     ] = False,
     clean: Annotated[
-        bool, typer.Option("--clean", help="Leave out cars that stand and tracks that begin critical.")
+        bool,
+        typer.Option("--clean", help="Leave out cars that stand, tracks that begin critical, paths that stay apart."),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
     json_path: Annotated[
