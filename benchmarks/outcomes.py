@@ -175,6 +175,9 @@ def main() -> None:
         print(f"  slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {len(seen.onset)}")
         print(f"  aside of its line: {_spread(seen.aside)}")
         print(f"  handed over again after they were given back: {again:.0%}")
+        struck = seen.outcome == COLLISION
+        if struck.any():
+            print(f"  of {struck.sum()} collisions after a further hand-over: {seen.again[struck].mean():.0%}")
 
 
 def _spread(distances: ArrayLike) -> str:

@@ -5,7 +5,8 @@
 A pedestrian crosses the road at 1.3 m/s from 5 m before its middle; a car comes along the middle at constant speed, so
 that both would be at the crossing point at the same time (lead 0 s), or the car so much later (negative: earlier). The
 walker who does not react draws nothing, so one episode says it all. Counted are contacts of the footprints, the least
-clearance, and whether the pedestrian was past the middle when the car came. Wilson's 95% intervals, an episode a unit.
+clearance, whether the pedestrian was past the middle when the car came, and which hand-overs lay beyond the range of
+the recorded onsets. Wilson's 95% intervals, an episode a unit.
 """
 
 import argparse
@@ -22,10 +23,15 @@ TICK, PACE, BEFORE, SECONDS = 0.05, 1.3, 5.0, 9.0  # [s], [m/s], [m] before the 
 
 
 class Crossing(NamedTuple):
-    """What came of an episode: least clearance [m]; whether the pedestrian was past the middle when the car was."""
+    """What came of an episode.
+
+    clearance [m]: the least; first: the pedestrian was past the middle when the car was; beyond: the hand-over lay
+    beyond the range of the recorded onsets, None: there was none, or no bank acts.
+    """
 
     clearance: float
     first: bool
+    beyond: bool | None = None
 
 
 def crossed(pedestrian: Pedestrian | None, speed: float, lead: float) -> Crossing:
@@ -44,7 +50,7 @@ def crossed(pedestrian: Pedestrian | None, speed: float, lead: float) -> Crossin
         near = min(near, float(clearance(x, 0.0, 0.0, me.x, me.y)))
         if x > 8.0:
             break
-    return Crossing(near, first)
+    return Crossing(near, first, None if pedestrian is None else pedestrian.person.beyond)
 
 
 def _share(held: list[bool]) -> str:
@@ -61,7 +67,7 @@ def main() -> None:
     parser.add_argument("--weights", default="people")
     given = parser.parse_args()
     weights, way = load_policy(given.weights), [(0.0, -8.0), (0.0, 8.0)]
-    heads = ("car [m/s]", "lead [s]", "walks on", "learned: contact", "clearance, median", "is past first")
+    heads = ("car [m/s]", "lead [s]", "walks on", "learned: contact", "clearance, median", "is past first", "beyond")
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for speed in given.speeds:
         for lead in given.leads:
@@ -71,7 +77,9 @@ def main() -> None:
             hit, past = _share([each.clearance <= 0.0 for each in found]), _share([each.first for each in found])
             median = np.median([each.clearance for each in found])
             walks = "contact" if alone <= 0.0 else f"{alone:.1f} m"
-            print(f"| {speed:g} | {lead:+g} | {walks} | {hit} | {median:.2f} m | {past} |", flush=True)
+            handed = [each.beyond for each in found if each.beyond is not None]
+            beyond = _share(handed) if handed else "no hand-over"
+            print(f"| {speed:g} | {lead:+g} | {walks} | {hit} | {median:.2f} m | {past} | {beyond} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ FASTER = 1.5  # the largest ratio of the vehicle's speed to the recorded one tha
 AHEAD = 30  # steps that a roll-out looks ahead
 BEYOND = 20  # steps for which both keep their velocities after a reaction
 LEFT = 0.05  # [m] that the other one may leave what was lent by
+CLOSE = math.hypot(0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH) + PEDESTRIAN_RADIUS + 0.01  # [m] no contact beyond it
 
 BOTH, CAR_KEEPS, WALKER_KEEPS = 0, 1, 2  # who does not do what was lent, but keeps its velocity
 
@@ -76,7 +77,7 @@ def _free_steps(moment, who, steps, done):  # type: ignore[no-untyped-def]
     """Return after how many steps the two touch if what is lent goes on; `AHEAD`: not within these."""
     lent, keeps_lane, stranger = who
     x, y, heading, speed = 0.0, 0.0, 0.0, moment[0]  # in the vehicle's heading frame of the moment
-    arc = moment[2] / max(speed, SLOWEST)
+    arc = steer_to(moment[2] / max(speed, SLOWEST))
     px, py, vx, vy = moment[3], moment[4], moment[5], moment[6]
     for k in range(min(AHEAD, lent.end + BEYOND - lent.at)):
         done[:] = 0.0
@@ -88,11 +89,12 @@ def _free_steps(moment, who, steps, done):  # type: ignore[no-untyped-def]
             done[2] = done[3] = 0.0
         ax, ay = from_heading_frame(heading, done[2], done[3])
         pedals = throttle_for(done[0]), brake_for(done[0])
-        bend = done[1]
-        if keeps_lane:  # whatever was lent: it goes on along its arc, by 90 degrees at most, as in CurvTTC
-            bend = arc if abs(heading) < 0.5 * math.pi else 0.0
-        x, y, heading, speed, _ = drive(x, y, heading, speed, steer_to(bend), *pedals, STEP)
+        along = arc if abs(heading) < 0.5 * math.pi else 0.0  # the arc of the start, by 90 degrees, as in CurvTTC
+        steer = along if keeps_lane else steer_to(done[1])
+        x, y, heading, speed, _ = drive(x, y, heading, speed, steer, *pedals, STEP)
         px, py, vx, vy = walk(px, py, vx, vy, ax, ay, 1.0, math.inf, STEP)
+        if (px - x) * (px - x) + (py - y) * (py - y) > CLOSE * CLOSE:
+            continue  # most steps: a clearance costs a sine and a cosine
         if clearance_pair(x, y, heading, px, py, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 0.0:
             return k
     return AHEAD
