@@ -3,7 +3,7 @@
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.earlier import NAMES, check, parse, sentence
+from vpsci_ros.exam.criteria import NAMES, check, parse, sentence
 
 PEDESTRIANS = ["learned", "walker"]
 

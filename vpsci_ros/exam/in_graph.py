@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.exam.class_process import command_of, failure, running
 from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers

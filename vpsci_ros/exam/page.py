@@ -267,6 +267,9 @@ def print_report(report: Mapping[str, Any], page: Path) -> None:
     for name, row in report.get("against", {}).get("pedestrians", {}).items():
         counts = ", ".join(f"{len(row[kind])} {kind.replace('_', ' ')}" for kind in FAILED_BEFORE)
         console.print(f"against {report['against']['folder']}, {title_of(name)}: {counts}", markup=False)
+    for name in report.get("against", {}).get("not_compared", []):
+        text = f"against {report['against']['folder']}, {title_of(name)}: no episode in common, nothing is compared"
+        console.print(text, markup=False)
     if found := report["range"]:
         console.print(
             f"{found['beyond']} of {found['of']} critical episodes with the default pedestrian begin beyond the range "

@@ -17,12 +17,14 @@ from vpsci_ros.data.episode_file import read_episodes, write_episodes
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.ci import write_verdict
+from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.config import ALONE
-from vpsci_ros.exam.earlier import check, compare, compared_with, parse, sentence
+from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
+from vpsci_ros.exam.junit import write_junit
+from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, episode_table
 from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
@@ -83,7 +85,9 @@ def run_exam(
         sources = exam_sources(table, drivers, LIMIT, report["failure"])
         write_view(folder / view, sources, f"Exam of {exam.config.examined}")
     write_page(folder / REPORT, report, table, {name: run.episodes for name, run in runs[ADS].items()}, view)
-    write_verdict(folder, report, table, view)
+    listed = failing(report, table)
+    write_summary(folder, report, listed, view)
+    write_junit(folder, report, listed)
     print_report(report, folder / REPORT)
     return failures
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.class_process import OWN, command_of, failure, running
 from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.driver_class import Begin, Driver, Observation
 from vpsci_ros.exam.exam import Exam, prepare, require_lock_step
+from vpsci_ros.exam.process import OWN, command_of, failure, running
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import ChildProcess
 from vpsci_ros.world.engines import require_own

@@ -20,9 +20,10 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.ci import write_verdict
-from vpsci_ros.exam.earlier import Earlier, compare
+from vpsci_ros.exam.comparison import Earlier, compare, failing
 from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.junit import write_junit
+from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.run import run_exam
@@ -136,6 +137,12 @@ def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_wh
     assert "Newly broken: walker 1:4, walker 1:9\n" in (tmp_path / "summary.md").read_text()
 
 
+def write_verdict(folder: Path, report: dict[str, Any], table: pl.DataFrame, view: str) -> None:
+    listed = failing(report, table)
+    write_summary(folder, report, listed, view)
+    write_junit(folder, report, listed)
+
+
 def cases(junit: Path) -> dict[tuple[str | None, str | None], list[str]]:
     """Return class and name of each case -> what is said of it: nothing, or a failure."""
     suites = ET.parse(junit).getroot()
@@ -183,6 +190,21 @@ def test_what_cannot_be_compared_is_refused_and_says_why(home: Path, tmp_path: P
     with pytest.raises(InvalidInput, match="newly_failed compares with an earlier exam; name its folder by --baseline"):
         run_exam(exam(), tmp_path / "out", ["newly_failed > 0"], quiet=True)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_baseline_without_an_episode_in_common_is_refused_and_a_pedestrian_without_one_is_named(
+    home: Path, tmp_path: Path
+) -> None:
+    said = r"no episode in common: that exam drove 1:0, 1:1, 1:2, 1:3, and this one has 1:7; give this exam the same"
+    with pytest.raises(InvalidInput, match=said):
+        run_exam(exam(only=[1, 7]), tmp_path / "out", against=home / "yesterday", quiet=True)
+    assert not (tmp_path / "out").exists()
+    none = compare(rows(1), Earlier(Path("out/old"), "old.py", rows(1).filter(pl.col("episode") > 10)), exam())
+    assert (none["pedestrians"], none["not_compared"]) == ({}, ["walker"])
+    report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {}, "against": none}
+    write_summary(tmp_path, report, failing(report, rows(1)), "")
+    said = "Not compared, for want of an episode in common: walker, does not react\n"
+    assert said in (tmp_path / "summary.md").read_text()
 
 
 def test_the_workflow_of_the_page_examines_and_then_compares(

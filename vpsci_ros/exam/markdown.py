@@ -1,0 +1,92 @@
+"""The verdict of an exam as Markdown for a merge request (summary.md), with links to where the episodes play."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from vpsci_ros.exam.comparison import Failing
+from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.report import ADS, BASELINE
+from vpsci_ros.exam.scores import MEASURES
+from vpsci_ros.runs.files import write_text
+
+SUMMARY = "summary.md"
+_LISTED = 20  # episodes of a kind
+_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "time_lost")
+_KINDS = {"newly_failed": "Newly broken", "still_failing": "Still failing", "fixed": "Fixed", "failing": "Failing"}
+
+
+def write_summary(folder: Path, report: Mapping[str, Any], failing: Failing, view: str) -> None:
+    """Write the summary of an exam into its folder.
+
+    :param report: what report.json holds; `failing`: see `vpsci_ros.exam.comparison.failing`.
+    :param view: the page in which the episodes play; empty: there is none.
+    """
+    write_text(folder / SUMMARY, "\n".join(_summary(report, failing, view)) + "\n")
+
+
+def _summary(report: Mapping[str, Any], failing: Failing, view: str) -> Iterator[str]:
+    """Yield the lines of the summary."""
+    yield from (f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", "")
+    yield from [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
+    yield from _changes(report["against"]) if "against" in report else _values(report, failing)
+    for kind, title in _KINDS.items():
+        links = [_link(view, name, key) for name, row in failing.items() for key in row.get(kind, [])]
+        more = f" and {len(links) - _LISTED} more" if len(links) > _LISTED else ""
+        yield from ["", f"{title}: {', '.join(links[:_LISTED])}{more}"] if links else []
+
+
+def _changes(found: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines that compare the exam with an earlier one."""
+    yield (
+        f"Compared with `{found['ads']}` in {found['folder']}. A failure: {_failure(found['failure'])}. Changes are of "
+        "the same episodes in pairs, new less old, with 95% intervals; bold where the interval leaves out 0.\n"
+    )
+    heads = ["pedestrian", "episodes", "as before", "fixed", "newly broken", "still failing"]
+    yield from _head([*heads, *(MEASURES[name].title for name in _SHOWN)])
+    for name, row in found["pedestrians"].items():
+        counts = [len(row[kind]) for kind in ("fixed", "newly_failed", "still_failing")]
+        cells = [title_of(name), row["episodes"], row["same"], *counts]
+        yield _row([*cells, *(_change(row["differences"][measure], measure) for measure in _SHOWN)])
+    if names := found["not_compared"]:
+        yield f"\nNot compared, for want of an episode in common: {', '.join(map(title_of, names))}"
+
+
+def _values(report: Mapping[str, Any], failing: Failing) -> Iterator[str]:
+    """Yield the lines that give the exam's own results."""
+    yield f"A failure: {_failure(report['failure'])}. Values are with 95% intervals.\n"
+    yield from _head(["pedestrian", "episodes", "failing", *(MEASURES[name].title for name in _SHOWN)])
+    for name, row in report["drivers"].get(ADS, {}).items():
+        cells = [title_of(name), row["episodes"], len(failing[name]["failing"])]
+        yield _row([*cells, *(_interval(row[measure], measure) for measure in _SHOWN)])
+
+
+def _failure(column: str) -> str:
+    return MEASURES[f"{column}_rate"].title
+
+
+def _head(cells: list[str]) -> list[str]:
+    return [_row(cells), "|---" * len(cells) + "|"]
+
+
+def _row(cells: list[Any]) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def _interval(found: Mapping[str, Any], measure: str, form: str = ".2f", unit: str = "%") -> str:
+    if found["value"] is None:
+        return "-"
+    scale, unit = (1.0, MEASURES[measure].unit) if MEASURES[measure].unit else (100.0, unit)
+    value, low, high = (scale * found[name] for name in ("value", "low", "high"))
+    return f"{value:{form}} [{low:.2f}, {high:.2f}] {unit}"
+
+
+def _change(found: Mapping[str, Any], measure: str) -> str:
+    text = _interval(found, measure, "+.2f", "points")
+    bold = "**" if found["value"] is not None and (found["low"] > 0.0 or found["high"] < 0.0) else ""
+    return f"{bold}{text}{bold}"
+
+
+def _link(view: str, pedestrian: str, key: str) -> str:
+    target = f"({view}#a={ADS}-{pedestrian}&b={BASELINE}-{pedestrian}&episode={key})"
+    return f"[{pedestrian} {key}]{target}" if view else f"{pedestrian} {key}"
