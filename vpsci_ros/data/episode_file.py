@@ -4,7 +4,7 @@ A row is a frame of one pedestrian, as in a dataset. What is known of an episode
 the scenarios of one's own. An episode is read back to the bit.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, agent_ids, pieces
-from vpsci_ros.data.episode import Episode, Floats, Listed
+from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.parquet import Column, arrow_schema, read_metadata, read_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write
@@ -60,22 +60,17 @@ def write_episodes(path: Path, episodes: Sequence[Episode], **more: Any) -> None
 
 def _rows(episodes: Sequence[Episode]) -> pl.DataFrame:
     pairs = [(each, person) for each in episodes for person in range(each.pedestrians)]
+    of_pairs = [(each.key[0], each.number, person) for each, person in pairs]
     lengths = np.array([len(each) for each, _ in pairs], np.int64)
-    person = np.repeat(np.array([person for _, person in pairs], np.int64), lengths)
-    count = np.repeat(np.array([each.number for each, _ in pairs], np.int64), lengths)
-
-    def column(of: Callable[[Episode, int], Floats]) -> Floats:
-        return np.concatenate([np.zeros(0), *(of(each, person) for each, person in pairs)])
-
-    columns = {name: column(lambda each, _, own=own: getattr(each, own)) for name, own in _OF_THE_VEHICLE.items()}
-    columns |= {name: column(lambda each, i, own=own: getattr(each, own)[i]) for name, own in _OF_A_PEDESTRIAN.items()}
-    vehicle, pedestrian = agent_ids(count, person)
-    numbers = {
-        "scenario": np.repeat(np.array([each.key[0] for each, _ in pairs], np.int64), lengths),
-        "frame": column(lambda each, _: np.arange(len(each))),
-    }
-    rows = pl.DataFrame({**columns, **numbers, "count": count, "veh_id": vehicle, "ped_id": pedestrian})
-    return rows.cast({name: column.dtype for name, column in EPISODE_COLUMNS.items()})  # type: ignore[arg-type]
+    scenario, count, person = np.repeat(np.array(of_pairs, np.int64).reshape(-1, 3), lengths, axis=0).T
+    columns: dict[str, Any] = {"scenario": scenario, "count": count}
+    columns["frame"] = np.arange(len(count)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    columns["veh_id"], columns["ped_id"] = agent_ids(count, person)
+    for column, name in _OF_THE_VEHICLE.items():
+        columns[column] = np.concatenate([np.zeros(0), *(getattr(each, name) for each, _ in pairs)])
+    for column, name in _OF_A_PEDESTRIAN.items():
+        columns[column] = np.concatenate([np.zeros(0), *(getattr(each, name)[i] for each, i in pairs)])
+    return pl.DataFrame(columns).cast({name: column.dtype for name, column in EPISODE_COLUMNS.items()})
 
 
 def read_episodes(path: Path) -> list[Episode]:
