@@ -75,8 +75,8 @@ def _draw_pairs(axes: Sequence[Axes], clips: Sequence[Clip]) -> int:
     """Draw the first vehicles and pedestrians that are there at the same time; return how many pairs."""
     count = 0
     for axis, (name, car, one) in zip(axes, _pairs(clips), strict=False):
-        places = [np.column_stack([track.values["x"], track.values["y"]]) for track in (car, one)]
-        _draw(axis, *places, f"{name}: no near miss, {car.name or car.number} and {one.name or one.number}")
+        vehicle, walker = (np.column_stack([track.values["x"], track.values["y"]]) for track in (car, one))
+        _draw(axis, vehicle, walker, f"{name}: no near miss, {car.name or car.number} and {one.name or one.number}")
         count += 1
     return count
 
