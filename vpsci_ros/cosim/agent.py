@@ -32,7 +32,7 @@ class Person(NamedTuple):
     :ivar kind: of `vpsci_ros.world.crowd.KINDS`; a driver's is that of its first pedestrian.
     :ivar speed: [m/s] with nothing near.
     :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
-    :ivar recorded: number of the recorded moment whose reaction acts, drawn at the hand-over; -1: none.
+    :ivar recorded: number of the recorded situation whose reaction acts, drawn at the hand-over; -1: none.
     :ivar beyond: whether the last hand-over lay beyond the range of the recorded onsets; None: none yet, or no bank.
     """
 

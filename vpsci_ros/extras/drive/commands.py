@@ -14,9 +14,7 @@ from vpsci_ros.errors import InvalidInput, require
 drive_app = typer.Typer(add_completion=False)
 
 
-@drive_app.command(
-    rich_help_panel="Examine a driving system", short_help="Drive the car yourself, by keys in a browser."
-)
+@drive_app.command(rich_help_panel="Examine a driving system", short_help="Drive the car by keys in a browser.")
 @writes_folder
 def drive(
     output: Annotated[
@@ -25,23 +23,23 @@ def drive(
     params: Params = Path("drive"),
     episodes: Annotated[int | None, typer.Option(min=1, metavar="N", help="Episodes in each scenario.")] = None,
     watch: Annotated[
-        bool, typer.Option("--watch", help="Drive nothing: show the graph that runs in this ROS_DOMAIN_ID, live.")
+        bool, typer.Option("--watch", help="Do not drive; show the running graph of this ROS_DOMAIN_ID.")
     ] = False,
     foxglove: Annotated[
-        bool, typer.Option("--foxglove", help="With --watch: for Foxglove, by its own SDK, instead of in the page.")
+        bool, typer.Option("--foxglove", help="With --watch: serve the graph to Foxglove instead of a page.")
     ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Of 127.0.0.1; 0: a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
     people: People = None,
     settings: Settings = None,
 ) -> None:
     """Drive the car by keys in a browser; the default pedestrian reacts, and you get the report of an exam.
 
-    The page is served to this machine alone, at an address that holds a secret; it is open until you close it.
+    The page is served to this machine alone, at an address with a secret. The command ends when you close the page.
     """
     if foxglove:
         if not watch or output is not None:
-            raise InvalidInput("--foxglove shows a graph that runs: give it with --watch, and without -o")
+            raise InvalidInput("--foxglove shows a running graph: use it with --watch, without -o")
         _watch_in_foxglove(port)
         return
     require("tornado")
@@ -53,7 +51,7 @@ def drive(
         sections = sections.changed("world_simulator", {"episodes": episodes})
     exam, factor = prepare_person(sections)
     if (output is None) != watch:
-        raise InvalidInput("give either the folder for bags and report, -o out/drive, or --watch, which leaves nothing")
+        raise InvalidInput("give either the output folder, -o out/drive, or --watch, which writes no files")
     failures = []
     with contextlib.closing(Page(output or Path(), "watch" if watch else "drive", port)) as page:
         print(f"open {page.address}", flush=True)
@@ -66,11 +64,11 @@ def drive(
         else:
             with stoppable(output):
                 failures = run_drive(exam, factor, output, page)
-            print("the page shows what came of it; close it, or press Ctrl-C, to end", flush=True)
+            print("the page shows the results; close it, or press Ctrl-C, to end", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
                 page.wait_until_left(RELOADED)
     for reason in failures:
-        print(f"not all were driven: {reason}", file=sys.stderr)
+        print(f"not all episodes were driven: {reason}", file=sys.stderr)
     if failures:
         raise typer.Exit(1)
 

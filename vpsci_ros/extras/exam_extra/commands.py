@@ -21,9 +21,9 @@ def ads_search(
     params: Params = Path("ads_test"),
     ads: Ads = None,
     ads_class: AdsClass = None,
-    pedestrian: Annotated[str, typer.Option(help="Pedestrian to meet, any but recorded people.")] = "learned",
+    pedestrian: Annotated[str, typer.Option(help="Pedestrian of the exam, except recorded.")] = "learned",
     pool: Annotated[
-        int, typer.Option(min=100, max=10_000_000, help="Episodes to search: rehearsed in this process, not driven.")
+        int, typer.Option(min=100, max=10_000_000, help="Episodes to search, simulated with a surrogate of the system.")
     ] = 20_000,
     budget: Annotated[int, typer.Option(min=40, max=1_000_000, help="Episodes that the system drives.")] = 1000,
     workers: Workers = 1,
@@ -44,19 +44,19 @@ def ads_search(
     _end(failures)
 
 
-@why_app.command(rich_help_panel=PANEL, short_help="Say what would have avoided an exam's failures.")
+@why_app.command(rich_help_panel=PANEL, short_help="Find changes that avoid an exam's failures.")
 def ads_why(
-    exam: Annotated[Path, typer.Argument(metavar="EXAM", help="Folder of an exam of `vpsci ads-test` that is over.")],
-    failures: Annotated[int, typer.Option("-n", min=1, help="Worst failures with each pedestrian to drive again.")] = 3,
+    exam: Annotated[Path, typer.Argument(metavar="EXAM", help="Folder of a finished exam of `vpsci ads-test`.")],
+    failures: Annotated[int, typer.Option("-n", min=1, help="Worst failures to repeat, for each pedestrian.")] = 3,
     minutes: Annotated[
-        float, typer.Option(min=0.0, help="No run begins later; the same command goes on. 0: without a limit.")
+        float, typer.Option(min=0.0, help="Start no run later; the same command resumes. 0: no limit.")
     ] = 10.0,
     workers: Workers = 1,
     quiet: Quiet = False,
 ) -> None:
     """Repeat the worst failures of an exam with one change each, and report the changes that avoid them.
 
-    Run it where the exam ran: it drives the same system. The result is in EXAM/why.
+    Run it in the folder and environment of the exam, since it drives the same system. The result is in EXAM/why.
     """
     from vpsci_ros.extras.exam_extra.explain import explain_exam
 
@@ -74,9 +74,11 @@ def ads_protocol(
     ads: Ads = None,
     ads_class: AdsClass = None,
     beside: Annotated[
-        Path | None, typer.Option("--exam", metavar="EXAM", help="Set this exam of the same system beside it.")
+        Path | None, typer.Option("--exam", metavar="EXAM", help="Show this exam of the same system beside the points.")
     ] = None,
-    fail_below: Annotated[float, typer.Option(metavar="POINTS", help="Exit with status 1 below so many points.")] = 0.0,
+    fail_below: Annotated[
+        float, typer.Option(metavar="POINTS", help="Exit with status 1 below this number of points.")
+    ] = 0.0,
     workers: Workers = 1,
     settings: Settings = None,
     quiet: Quiet = False,
@@ -99,7 +101,7 @@ def ads_socket(
     ads: Ads = None,
     port: Annotated[
         int,
-        typer.Option(min=0, max=65_535, help="Of 127.0.0.1; 0: a free one, which the system finds in VPSCI_ADS_PORT."),
+        typer.Option(min=0, max=65_535, help="Port on 127.0.0.1; 0: a free one, passed in VPSCI_ADS_PORT."),
     ] = 0,
     episodes: Episodes = None,
     recorded: Recorded = None,

@@ -158,19 +158,19 @@ def _sooner(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
 
 FACTORS = {
     "earlier": Factor(
-        "braking earlier", "s", "the braking before the contact, as it was, begun so much earlier; the system may "
-        "brake more firmly, and has the car before and after it", _span_earlier, _brake_earlier),
+        "braking earlier", "s", "the same braking before the contact, this much earlier; the system may brake "
+        "harder, and controls the car before and after", _span_earlier, _brake_earlier),
     "harder": Factor(
-        "braking harder", "m/s2", "each deceleration of at least 1 m/s2 that the system commands, so much firmer, up "
-        "to the car's 8.88", _span_harder, _brake_harder),
+        "braking harder", "m/s2", "this much is added to each commanded deceleration of at least 1 m/s2, up to the "
+        "car's 8.88", _span_harder, _brake_harder),
     "full": Factor(
-        "full braking before the contact", "s", "8.88 m/s2 from so long before the contact on, whatever the system "
-        "commands: the latest moment at which braking still avoids it", _span_full, _brake_fully),
+        "full braking before the contact", "s", "8.88 m/s2 from this time before the contact on, instead of the command: "
+        "the latest time at which braking avoids it", _span_full, _brake_fully),
     "slower": Factor(
-        "slower at the onset", "m/s", "the speed at the tick at which CurvTTC first falls below 5 s, so much lower, "
-        "with everybody where they were; the system drives on from there", _span_slower, _slow_down),
+        "slower at the onset", "m/s", "the speed is this much lower when CurvTTC first falls below 5 s, at the same "
+        "positions; the system drives on from there", _span_slower, _slow_down),
     "latency": Factor(
-        "less latency", "s", "pedestrians are published to the system so much sooner (perception.latency)",
+        "less latency", "s", "pedestrians are published to the system this much earlier (perception.latency)",
         _span_latency, _sooner, shared=True),
 }  # fmt: skip
 """Name of a factor -> what is changed; one at a time."""

@@ -10,7 +10,7 @@ from vpsci_ros.cli.options import writes_folder
 export_app = typer.Typer(add_completion=False)
 
 
-@export_app.command(rich_help_panel="Generate and look", short_help="Write episodes in other people's formats.")
+@export_app.command(rich_help_panel="Generate and look", short_help="Write episodes in other formats.")
 @writes_folder
 def export(
     source: Annotated[
@@ -32,13 +32,13 @@ def export(
         str,
         typer.Option(
             metavar="controllable|trajectory",
-            help="openscenario and commonroad: somebody else drives the vehicle, or it drives as it did.",
+            help="openscenario and commonroad: a controller drives the vehicle, or it follows its trajectory.",
         ),
     ] = "controllable",
     road: Annotated[
         str,
         typer.Option(
-            "--map", metavar="NAME", help="openscenario: a map of your own, say Town10HD; default: one of the lane."
+            "--map", metavar="NAME", help="openscenario: your own map, such as Town10HD; default: a map of the lane."
         ),
     ] = "",
 ) -> None:

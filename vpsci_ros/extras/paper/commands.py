@@ -60,21 +60,21 @@ def samples(
     near_misses: NearMisses = None,
     sizes: Annotated[
         str | None,
-        typer.Option(metavar="N,N,...", help="Interactions to learn from, one run each; default: Table 3's."),
+        typer.Option(metavar="N,N,...", help="Numbers of training interactions, one run each; default: Table 3's."),
     ] = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
     """Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
 
-    Rewards and critic losses in training; rewards and errors on held-out
-    clips, the same for all sizes, beside the last velocity repeated. Leaves
-    table_3.csv, table_3.png, run.json and a folder for each size. A study
-    that is stopped (Ctrl-C) goes on when the same command is given again;
-    finished sizes are not trained again.
+    Prints rewards and critic losses of the training, and rewards and errors on
+    held-out clips, which are the same for all sizes, beside the last velocity
+    repeated. Writes table_3.csv, table_3.png, run.json and a folder for each
+    size. The same command resumes a stopped study (Ctrl-C); finished sizes
+    are not trained again.
 
     In full, with params/stage1_pretrain.yaml: hours on one core.
-    A trial of a minute: --sizes 50,100 --set learner.episodes=20
+    For a test of a minute: --sizes 50,100 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import run_sample_study
 
@@ -93,23 +93,22 @@ def folds(
     near_misses: NearMisses = None,
     count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings.")] = 5,
     refine_with: Annotated[
-        Path | None, typer.Option("--refine", metavar="FILE", help="Stage 2 as well, by this parameter file.")
+        Path | None, typer.Option("--refine", metavar="FILE", help="Also run stage 2, with this parameter file.")
     ] = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
     """Cross-validation: errors of stage 1, or of both, with every clip held out once, beside naive controls.
 
-    Trains once a fold, on the clips of the others, and measures each
-    interaction by the policies that have not learned from its clip: Table
-    9's columns, by two protocols. With --refine params/stage2_online.yaml
-    each fold goes on in simulation, too. Leaves cross_validation.json, run.json and
-    a folder for each fold. A study that is stopped (Ctrl-C) goes on when the
-    same command is given again; finished folds are not trained again.
+    Trains once for each fold, on the clips of the other folds, and measures
+    each interaction with the policies not trained on its clip: Table 9's
+    columns, by two protocols. With --refine params/stage2_online.yaml each
+    fold is also trained in simulation. Writes cross_validation.json, run.json
+    and a folder for each fold. The same command resumes a stopped study
+    (Ctrl-C); finished folds are not trained again.
 
-    In full, with params/stage1_pretrain.yaml: hours on one core. A trial
-    of a minute: --folds 2
-    --set learner.episodes=20
+    In full, with params/stage1_pretrain.yaml: hours on one core.
+    For a test of a minute: --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import run_fold_study
 
@@ -129,17 +128,17 @@ def models(
         typer.Option("--models", metavar="NAME,...", help="Networks to compare; default: all."),
     ] = None,
     count: Annotated[
-        int, typer.Option("--folds", min=2, metavar="N", help="Parts of the clips, each held out once.")
+        int, typer.Option("--folds", min=2, metavar="N", help="Number of folds of the clips, each held out once.")
     ] = 5,
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Trainings of each model in each fold.")] = 1,
     refine: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Hybrid setting: stage 2 of the models by reinforcement.")
+        Path | None, typer.Option(metavar="FILE", help="Hybrid learning: stage 2 of the models by reinforcement.")
     ] = None,
     simulated: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Hybrid setting: simulated near misses for the others.")
+        Path | None, typer.Option(metavar="FILE", help="Hybrid learning: simulated near misses for the other models.")
     ] = None,
     fresh_episodes: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that outcomes are measured on.")
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario for measuring outcomes.")
     ] = 40,
     steps: Annotated[
         str | None,
@@ -150,19 +149,18 @@ def models(
 ) -> None:
     """Table 9: its models, trained by supervision and by reinforcement, with and without hybrid learning.
 
-    All see the same and learn from the same near misses in the same number
-    of updates. sst, transformer, lstm, feedforward: the next velocity;
-    ..._ddpg and ddpg: by reinforcement. With --refine
-    params/stage2_online.yaml and --simulated TABLE each goes on in
-    simulation and is measured there, too (..._refined). Leaves models.json,
-    models.md, models.png, run.json and a folder for each fold, with weights
-    that act by --weights. With --steps 0.3,1,3 each learns by the step sizes,
-    of so many times those of the files, that do best on a quarter of its
-    training clips. A study that is stopped (Ctrl-C) goes on when the same
-    command is given again; finished trainings are kept.
+    All models have the same inputs, near misses and number of updates. sst,
+    transformer, lstm and feedforward predict the next velocity; ..._ddpg and
+    ddpg are trained by reinforcement. With --refine params/stage2_online.yaml
+    and --simulated TABLE each is also trained in simulation and measured there
+    (..._refined). Writes models.json, models.md, models.png, run.json and a
+    folder for each fold, with weights for --weights. With --steps 0.3,1,3 the
+    step sizes of the files are multiplied by the factor that is best on a
+    quarter of the training clips. The same command resumes a stopped study
+    (Ctrl-C); finished trainings are not repeated.
 
-    Budgets and their cost: docs/results.md. A trial of a
-    minute: --models sst,lstm --folds 2 --set learner.episodes=20
+    Budgets and their cost: docs/results.md. For a test of a minute:
+    --models sst,lstm --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import ModelStudy, run_model_study
 
@@ -184,9 +182,11 @@ def weights(
         str | None, typer.Option(metavar="NAME,...", help="Weightings of Table 5; default: all.")
     ] = None,
     fresh_episodes: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that rates are measured on.")
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario for measuring rates.")
     ] = 200,
-    fresh_seed: Annotated[int, typer.Option(min=0, help="Of those episodes; not the seed of training.")] = 1000,
+    fresh_seed: Annotated[
+        int, typer.Option(min=0, help="Seed of these episodes, another one than in training.")
+    ] = 1000,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -194,13 +194,12 @@ def weights(
 
     All start from learner.weights. Collision and goal rates, with 95%
     intervals, are measured after training, on fresh episodes without
-    exploration; ADE and FDE by both protocols on held-out clips; controls:
-    the weights that all start from, and no acceleration at all. Leaves
-    table_5.csv, table_5.png, run.json and a folder for each weighting. A
-    study that is stopped (Ctrl-C) goes on when the same command is given
-    again; what is finished is not trained again.
+    exploration; ADE and FDE by both protocols on held-out clips. Controls are
+    the weights at the start, and acceleration 0. Writes table_5.csv,
+    table_5.png, run.json and a folder for each weighting. The same command
+    resumes a stopped study (Ctrl-C); finished weightings are not trained again.
 
-    In full, with params/stage2_online.yaml: hours on one core. A trial of
+    In full, with params/stage2_online.yaml: hours on one core. For a test of
     a minute: --weightings equal,adaptive --fresh-episodes 5
     --set world_simulator.episodes=4 --set learner.refresh_every=5
     """
@@ -223,7 +222,7 @@ def paper(
     dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")],
     near_misses: Annotated[
-        Path, typer.Option(metavar="TABLE", help="Recorded people: right_turns, a Parquet file, a part of one.")
+        Path, typer.Option(metavar="TABLE", help="Recorded near misses: right_turns, a Parquet file, a part of one.")
     ] = Path(RIGHT_TURNS),
     rules: Annotated[Path | None, typer.Option(metavar="DIR", help="Dataset of the rule-based pair.")] = None,
     runs: Annotated[
@@ -235,10 +234,10 @@ def paper(
     """All figures and tables of the paper, from a dataset and from finished runs, as one page.
 
     Figures 4, 5, 7 to 9, 11 to 13 and Tables 6, 7, 10 come from the dataset,
-    recorded people and the rule-based pair (`vpsci report --help` has its
-    command). Figures 6, 10 and Tables 3, 5, 9, 11 come from runs given by
-    --run; what is missing is named on the page, with the command that makes
-    it. Leaves paper.html, paper.json and figure_N.png.
+    recorded near misses and a dataset of the rule-based pair (`vpsci report
+    --help` has its command). Figures 6, 10 and Tables 3, 5, 9, 11 come from
+    the runs of --run. The page lists missing parts with their commands.
+    Writes paper.html, paper.json and figure_N.png.
     """
     from vpsci_ros.extras.paper.studies.paper import PAGE, write_paper
     from vpsci_ros.runs.output_folder import output_folder
@@ -269,23 +268,23 @@ def make(
         Path, typer.Argument(metavar="TABLE", help="Near misses: right_turns, a Parquet file, or a part of one.")
     ] = Path(TO_MEASURE_ON),
     weights: Annotated[
-        str, typer.Option(metavar="FILE", help="Policies to be rated; or shipped ones' name.")
+        str, typer.Option(metavar="FILE", help="Policies to be rated: a file, or the name of shipped ones.")
     ] = "people",
-    scenes: Annotated[int, typer.Option(min=2, max=200, metavar="N", help="Each makes three clips of 4 s.")] = 8,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draw.")] = 1,
+    scenes: Annotated[int, typer.Option(min=2, max=200, metavar="N", help="Scenes, of three clips of 4 s each.")] = 8,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawn scenes.")] = 1,
 ) -> None:
     """Write questionnaire.html for the raters, and key.json, which they must not see.
 
-    A scene is shown as recorded, as the policies go on from the same start,
-    and as the rule-based pair does, in the place of CARLA's default controller;
-    the page says nothing of which is which. The paper has --scenes 4.
+    Each scene has three clips from the same start: the recording, the policies,
+    and the rule-based pair, which replaces CARLA's default controller. The page
+    does not name the sources. The paper has --scenes 4.
     """
     from vpsci_ros.extras.paper.turing.kit import make_kit
 
     key = make_kit(near_misses, weights, output, scenes=scenes, seed=seed)
     known = sum(not scene["held_out"] for scene in key["scenes"])
     if known:
-        print(f"note: {known} of the {scenes} scenes are of recordings that the weights have learned from")
+        print(f"note: {known} of the {scenes} scenes are of recordings on which the weights were trained")
     print(f"written: {output / 'questionnaire.html'} with {3 * scenes} clips, for the raters,")
     print(f"and {output / 'key.json'}, which they must not see")
 

@@ -11,7 +11,7 @@ from vpsci_ros.resources import TO_MEASURE_ON
 realism_app = typer.Typer(add_completion=False)
 
 
-@realism_app.command(rich_help_panel="Measure", short_help="Print how like people the agents are.")
+@realism_app.command(rich_help_panel="Measure", short_help="Compare the agents with recorded people.")
 @writes_folder
 def realism(
     data: Annotated[
@@ -26,7 +26,7 @@ def realism(
         Path | None,
         typer.Option(
             metavar="TABLE",
-            help="Near misses whose residuals the control borrows. Default: other clips of --data's file.",
+            help="Near misses whose residuals the control uses. Default: other clips of --data's file.",
         ),
     ] = None,
     weights: Annotated[
@@ -38,12 +38,12 @@ def realism(
         typer.Option(
             "--people",
             metavar="SOURCE",
-            help="Whose recorded reactions act, a source of the banks; default: --data's own, else the bank's first.",
+            help="Source of the banks whose reactions act; default: that of --data, else the bank's first.",
         ),
     ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
     held_out: Annotated[
-        bool, typer.Option("--held-out", help="Measure only clips that none of the weights has learned from.")
+        bool, typer.Option("--held-out", help="Measure only on clips that no weights were trained on.")
     ] = False,
     clean: Annotated[
         bool,
@@ -63,10 +63,10 @@ def realism(
     """Print likeness to people: energy score, likelihood, and a classifier's AUC of simulated against recorded.
 
     All start at the same recorded onsets: the shipped weights and --weights,
-    the recording, constant velocity, social force, and residuals of other
-    people. --dataset adds free simulation. For honest numbers give --held-out,
-    or recordings that the weights have not seen. With -o the same command
-    resumes a stopped run.
+    the recording, constant velocity, social force, and residuals of similar
+    onsets. --dataset adds free simulation. Use --held-out, or recordings on
+    which the weights were not trained. With -o the same command resumes a
+    stopped run.
 
     About a minute of one core for each model.
     """

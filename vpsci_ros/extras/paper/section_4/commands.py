@@ -14,7 +14,7 @@ report_app = typer.Typer(add_completion=False)
 safety_app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="CurvTTC and the measures beside it.",
+    help="CurvTTC and other safety measures.",
     short_help="Compare CurvTTC with other safety measures.",
     rich_help_panel="Measure",
 )
@@ -55,12 +55,12 @@ def report(
     folder_of_report = output or folder / "report"
     with output_folder(folder_of_report), Bars("reading", quiet=quiet) as bars:
         write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, notify=bars.line)
-        bars.line("gathering episodes")
+        bars.line("reading episodes")
         inputs = sources_of_report(folder, near_misses, beside)
         shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]
         write_view(folder_of_report / VIEW, shown, f"Episodes of {folder}")
     print((folder_of_report / TABLE).read_text(encoding="utf-8"))
-    print(f"written: {folder_of_report / PAGE} and {VIEW}, in which the episodes play; {TABLE}, report.json, pictures")
+    print(f"written: {folder_of_report / PAGE} and {VIEW}, which plays the episodes; {TABLE}, report.json, pictures")
 
 
 @safety_app.callback()
