@@ -48,12 +48,12 @@ _WITHIN = 2.0  # standard deviations
 class KindMixture:
     """Parts of the pedestrians of each kind, relative to their sum."""
 
-    adult: float = parameter(1.0, "relative frequency of adults, as recorded", low=0.0, high=1e6)
-    older: float = parameter(0.0, "relative frequency of pedestrians above 65 years", low=0.0, high=1e6)
-    child: float = parameter(0.0, "relative frequency of children: they wait, then dart out", low=0.0, high=1e6)
-    distracted: float = parameter(0.0, "relative frequency of adults that look late or never", low=0.0, high=1e6)
-    wheelchair: float = parameter(0.0, "relative frequency of wheelchair users", low=0.0, high=1e6)
-    stroller: float = parameter(0.0, "relative frequency of adults with a stroller", low=0.0, high=1e6)
+    adult: float = parameter(1.0, "part of the pedestrians who are adults, as recorded", low=0.0, high=1e6)
+    older: float = parameter(0.0, "part above 65 years of age", low=0.0, high=1e6)
+    child: float = parameter(0.0, "part of children who wait at the kerb and dart out", low=0.0, high=1e6)
+    distracted: float = parameter(0.0, "part of adults who do not look until late, if at all", low=0.0, high=1e6)
+    wheelchair: float = parameter(0.0, "part in a wheelchair", low=0.0, high=1e6)
+    stroller: float = parameter(0.0, "part who push a stroller", low=0.0, high=1e6)
 
     def __post_init__(self) -> None:
         if not sum(self.parts) > 0.0:
@@ -113,7 +113,7 @@ class CrowdConfig:
     """How many pedestrians an episode has, and what the further ones are to the first; the rest cross on their own."""
 
     sizes: list[float] = parameter(
-        [], "relative frequencies of 1, 2, ... pedestrians; empty: always `pedestrians`", low=0.0, high=1e6
+        [], "parts of the episodes with 1, 2, ... pedestrians; empty: all have `pedestrians`", low=0.0, high=1e6
     )
     group: float = constant(0.7, "share of the further ones who walk with the first one", low=0.0, high=1.0)
     opposite: float = constant(0.14, "share who come from the other side", low=0.0, high=1.0)
