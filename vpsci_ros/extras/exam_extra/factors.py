@@ -164,8 +164,8 @@ FACTORS = {
         "braking harder", "m/s2", "this much is added to each commanded deceleration of at least 1 m/s2, up to the "
         "car's 8.88", _span_harder, _brake_harder),
     "full": Factor(
-        "full braking before the contact", "s", "8.88 m/s2 from this time before the contact on, instead of the command: "
-        "the latest time at which braking avoids it", _span_full, _brake_fully),
+        "full braking before the contact", "s", "8.88 m/s2 from this time before the contact on, instead of the "
+        "command: the latest time at which braking avoids it", _span_full, _brake_fully),
     "slower": Factor(
         "slower at the onset", "m/s", "the speed is this much lower when CurvTTC first falls below 5 s, at the same "
         "positions; the system drives on from there", _span_slower, _slow_down),
