@@ -8,6 +8,7 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.cli.people import people
+from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
@@ -23,12 +24,13 @@ from vpsci_ros.policy.bank import (
     describe,
     save_bank,
 )
-from vpsci_ros.policy.choice import FASTER, NEAREST, Lender
+from vpsci_ros.policy.choice import CLOSE, FASTER, NEAREST, Lender
 from vpsci_ros.policy.draws import keys
-from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
+from vpsci_ros.policy.make_bank import FEW, FOREIGN, LEAST, actions_of, bank_of_tables, fitted, reactions_of
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
 from vpsci_ros.policy.policy_file import load_policy, policy_from_bytes
 from vpsci_ros.policy.tensor_file import tensors_to_bytes
+from vpsci_ros.safety import clearance
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -223,6 +225,38 @@ def test_a_bank_of_one_place_with_another_keeps_its_name_and_counts_the_other_as
         bank_of_tables([tmp_path / "mine.parquet"], others=[tmp_path / "again.parquet"])
 
 
+def test_standard_deviations_and_slopes_are_the_more_of_ones_own_the_more_onsets_there_are() -> None:
+    table = synthetic_near_misses(interactions=24, seed=3).table
+    interactions = from_table(table, whole_tracks=True)
+    foreign = np.arange(len(interactions)) >= 16
+    own = int((~foreign & (interactions.first <= interactions.length - 1 - LEAST)).sum())
+    alone, every, both, none = (
+        reactions_of(interactions.take(np.flatnonzero(~foreign))),
+        reactions_of(interactions),
+        reactions_of(interactions, foreign),
+        reactions_of(interactions, np.zeros(len(interactions), bool)),
+    )
+    assert alone is not None
+    assert every is not None
+    assert both is not None
+    assert none is not None
+    share = own / (own + FEW)
+    assert 0.1 < share < 0.3
+    np.testing.assert_allclose(both.scale**2, share * alone.scale**2 + (1.0 - share) * every.scale**2)
+    raw = [part.slope / part.scale[:, None, None] for part in (alone, every, both)]
+    np.testing.assert_allclose(raw[2], share * raw[0] + (1.0 - share) * raw[1], atol=1e-12)
+    np.testing.assert_allclose(both.features * both.scale[:, None], every.features * every.scale[:, None], atol=1e-12)
+    for part, other in zip(none, every, strict=True):
+        np.testing.assert_allclose(part, other)
+
+
+def test_agents_that_touch_are_never_as_far_apart_as_those_whose_clearance_is_skipped() -> None:
+    east, north = np.meshgrid(np.linspace(-4.0, 4.0, 401), np.linspace(-4.0, 4.0, 401))
+    touch = clearance(0.0, 0.0, 0.0, east.ravel(), north.ravel()) <= 0.0
+    furthest = np.hypot(east.ravel(), north.ravel())[touch].max()
+    assert CLOSE - 0.1 < furthest < CLOSE
+
+
 def test_the_command_lists_a_bank_and_what_it_cannot_do_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -238,8 +272,6 @@ def test_the_command_lists_a_bank_and_what_it_cannot_do_is_refused(
 
 
 def test_recorded_actions_lead_along_the_recorded_way() -> None:
-    from vpsci_ros.data.interactions import from_table
-
     table = read_near_misses("right_turns/train")
     interactions = from_table(table.filter(table["interaction"].is_in(table["interaction"].unique()[:20])), True)
     fit = fitted(interactions)

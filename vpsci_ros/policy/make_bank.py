@@ -34,7 +34,8 @@ from vpsci_ros.world.observation import STEP
 EVERY = 10  # steps from one moment of a track to the next, 1 s
 SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no moments
 LEAST = SECONDS * SECOND  # steps of a reaction, at least
-FOREIGN = 3.0  # standard deviations by which a moment of another place counts as further away
+FOREIGN = 6.0  # standard deviations by which a moment of another place counts as further away
+FEW = 60  # onsets of one's own that weigh as much as all onsets together, in standard deviations and slopes
 RIDGE = 0.1  # penalty of slopes, per onset
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
 _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
@@ -82,6 +83,7 @@ def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None =
     """Return the reactions of whole tracks of one people; None where no onset has 3 s after it.
 
     :param foreign: bool[N], the interaction is of another place: each of its moments counts as `FOREIGN` further away.
+        Standard deviations and slopes are means of those of all onsets and of one's own alone, see `FEW`.
     """
     done, known = actions_of(fitted(interactions)), interactions.length - 1
     onsets = np.flatnonzero(interactions.first <= known - LEAST)
@@ -96,7 +98,15 @@ def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None =
     moments = moments[rows, steps]
     features, side = describe(moments)
     begun, count = features[: len(onsets)], len(onsets)
-    scale = np.maximum(begun.std(axis=0), 1e-3)
+    relative = _relative(done[onsets], begun[:, 0])
+    scale, slope = _fit_onsets(begun, relative, steps[:count], side[:count])
+    own = np.zeros(0, np.int64) if foreign is None else np.flatnonzero(~foreign[onsets])
+    if len(own):
+        parts = _fit_onsets(begun[own], relative[own], steps[own], side[own])
+        share = len(own) / (len(own) + FEW)
+        raw = share * parts[1] / parts[0][:, None, None] + (1.0 - share) * slope / scale[:, None, None]
+        scale = np.sqrt(share * parts[0] ** 2 + (1.0 - share) * scale**2)
+        slope = raw * scale[:, None, None]
     offset = np.concatenate([[0], np.cumsum(known)])
     return Reactions(
         features=np.ascontiguousarray((features / scale).T),
@@ -104,8 +114,8 @@ def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None =
         side=side,
         begin=offset[rows] + steps,
         end=offset[rows + 1],
-        steps=np.concatenate([own[:end] for own, end in zip(done, known, strict=True)]),
-        slope=_slopes(begun / scale, _relative(done[onsets], begun[:, 0]), steps[:count], side[:count]),
+        steps=np.concatenate([track[:end] for track, end in zip(done, known, strict=True)]),
+        slope=slope,
         reach=range_of(onsets_of(moments[:count])),
         far=np.zeros(len(rows)) if foreign is None else np.where(foreign[rows], FOREIGN**2, 0.0),
     )
@@ -125,6 +135,15 @@ def _relative(done: Floats, speed: Floats) -> Floats:
     out[..., 0] /= fast
     out[..., 1] *= fast * fast
     return out
+
+
+def _fit_onsets(begun: Floats, relative: Floats, at: NDArray[np.int64], side: Floats) -> tuple[Floats, Floats]:
+    """Return standard deviations of the features of n onsets, float64[8], and slopes by features so divided.
+
+    :param begun: float64[n, 8]; the others as in `_slopes`.
+    """
+    scale = np.maximum(begun.std(axis=0), 1e-3)
+    return scale, _slopes(begun / scale, relative, at, side)
 
 
 def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], side: Floats) -> Floats:
