@@ -9,7 +9,8 @@ from vpsci_ros import Driver, Pedestrian, Vehicle, Walker
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenario
-from vpsci_ros.world.crowd import CrowdConfig, KindMixture
+from vpsci_ros.world.crowd import CrowdConfig
+from vpsci_ros.world.kinds import KindMixture
 from vpsci_ros.world.loop import Loop
 
 SEED = 7

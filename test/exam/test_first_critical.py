@@ -17,7 +17,7 @@ from vpsci_ros.exam.result import Conduct, RunResult, episodes_of
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.crowd import KINDS, KindMixture
+from vpsci_ros.world.kinds import KINDS, KindMixture
 from vpsci_ros.world.loop import Loop
 
 EPISODES = 40

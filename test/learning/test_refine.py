@@ -19,7 +19,7 @@ from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.world import WorldConfig, load_scenarios
-from vpsci_ros.world.crowd import KindMixture
+from vpsci_ros.world.kinds import KindMixture
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.transition import TRANSITION
 

@@ -7,12 +7,12 @@ import pytest
 from world.helpers import SCENARIOS, episodes
 
 from vpsci_ros.world import GOAL, World, WorldConfig
-from vpsci_ros.world.autopilot import (
+from vpsci_ros.world.kinematics import MAX_DECELERATION
+from vpsci_ros.world.lane_driving import (
     COMFORT_ACCELERATION,
     COMFORT_DECELERATION,
     LATERAL_COMFORT,
 )
-from vpsci_ros.world.kinematics import MAX_DECELERATION
 
 ALONE = WorldConfig(
     spawn="paper",

@@ -5,7 +5,7 @@ import pytest
 from world.helpers import SCENARIOS, alarm
 
 from vpsci_ros.world import World, WorldConfig
-from vpsci_ros.world.crowd import KINDS, LATENCY, REACTING, SPEED, SPEED_SPREAD, KindMixture
+from vpsci_ros.world.kinds import KINDS, LATENCY, REACTING, SPEED, SPEED_SPREAD, KindMixture
 from vpsci_ros.world.tick import Actions
 
 PAIRS = [(scenario, number) for number in range(250) for scenario in range(1, 9)]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vpsci_ros.world.autopilot import AMONG_RANGE, POTENTIAL, keep_apart, repulsion
+from vpsci_ros.world.drivers.social_force import AMONG_RANGE, POTENTIAL, keep_apart, repulsion
 from vpsci_ros.world.state import EPISODE
 
 

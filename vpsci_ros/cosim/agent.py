@@ -16,7 +16,8 @@ from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.safety import CRITICAL_TTC, curvttc
 from vpsci_ros.world import RUNNING, World, WorldConfig
-from vpsci_ros.world.crowd import KINDS, MOST
+from vpsci_ros.world.crowd import MOST
+from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.tables import tables_from
@@ -29,7 +30,7 @@ NEAR = 2.0  # [m] an agent that moved less is searched near its last place on it
 class Person(NamedTuple):
     """The drawn person of an agent: a function of seed, scenario and episode.
 
-    :ivar kind: of `vpsci_ros.world.crowd.KINDS`; a driver's is that of its first pedestrian.
+    :ivar kind: of `vpsci_ros.world.kinds.KINDS`; a driver's is that of its first pedestrian.
     :ivar speed: [m/s] with nothing near.
     :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
     :ivar recorded: number of the recorded situation whose reaction acts, drawn at the hand-over; -1: none.

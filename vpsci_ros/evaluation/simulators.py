@@ -22,7 +22,8 @@ from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
-from vpsci_ros.world.autopilot import social_force, too_near
+from vpsci_ros.world.drivers.autopilot import too_near
+from vpsci_ros.world.drivers.social_force import social_force
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.observation import STEP
 

@@ -168,9 +168,7 @@ class InProcess:
         :param report: called with how many episodes have ended.
         """
         ended = 0
-        while not self._loop.world.done:
-            tick, assessment = self._loop.world.now, self._loop.assessment
-            step = self._loop.step(self._answers(tick, assessment))
+        for step in self._loop.ticks(self._answers):
             ended += int(np.count_nonzero(step.tick.state["status"][:: self._most] == ENDED))
             report(ended)
             yield step

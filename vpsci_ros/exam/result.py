@@ -15,7 +15,7 @@ from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import IDLE, Scenario
-from vpsci_ros.world.crowd import KINDS
+from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
 
 

@@ -50,10 +50,8 @@ class Simulator:
         job = self._job
         frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1, TOGETHER)
         loop, blocks = self.loop(((unit.scenario, number) for number in unit.numbers), unit.scenario), []
-        while not loop.world.done:
-            assessment = loop.assessment
-            waiting = frames.store(loop.world.now.state, assessment.curvttc, assessment.distance)
-            loop.move()
+        for step in loop.ticks():
+            waiting = frames.store(step.tick.state, step.assessment.curvttc, step.assessment.distance)
             if waiting >= TOGETHER or loop.world.done:
                 ended = ranged(apply_filters(frames.take(), job.filters), self._reaches)
                 blocks.append(ended.stored(job.keep_rejected))

@@ -51,6 +51,6 @@ def _digest() -> str:
     digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*.py")):
         text = path.read_bytes()
-        if path.parent.name in _ROOMS or (b"njit" in text and path != Path(__file__).resolve()):
+        if path.relative_to(_PACKAGE).parts[0] in _ROOMS or (b"njit" in text and path != Path(__file__).resolve()):
             digest.update(str(path.relative_to(_PACKAGE)).encode() + hashlib.sha256(text).digest())
     return digest.hexdigest()[:16]

@@ -6,6 +6,7 @@ monitor and agents at each tick; `observe` returns the observations of the agent
 
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import observe, observe_arrays
+from vpsci_ros.world.recordings import Recorded
 from vpsci_ros.world.scenario import Scenario, load_scenario, load_scenarios
 from vpsci_ros.world.state import (
     COLLISION,
@@ -20,7 +21,6 @@ from vpsci_ros.world.state import (
     RUNNING,
     TIMEOUT,
 )
-from vpsci_ros.world.tick import Recorded
 from vpsci_ros.world.world import World
 
 __all__ = [

@@ -7,9 +7,9 @@ little faster. Neither reacts to the other, but for the fixed distance at which 
 import math
 
 from vpsci_ros.world import people
-from vpsci_ros.world.autopilot import SPEED_TIME, look_ahead
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.crowd import SET_OFF
+from vpsci_ros.world.kinds import SET_OFF
+from vpsci_ros.world.lane_driving import SPEED_TIME, look_ahead
 from vpsci_ros.world.observation import STEP
 from vpsci_ros.world.people import (
     BEFORE,

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
-from vpsci_ros.world.crowd import MOST, CrowdConfig, KindMixture
+from vpsci_ros.world.crowd import MOST, CrowdConfig
+from vpsci_ros.world.kinds import KindMixture
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
 SPAWNS = ("right_turns", "human", "paper")

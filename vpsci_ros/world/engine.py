@@ -5,21 +5,12 @@ its bits do not depend on the batch, on its place in it or on the number of thre
 """
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
-from vpsci_ros.world.autopilot import keep_apart
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.crowd import share_action, share_motion, step_off
-from vpsci_ros.world.drivers import (
-    EXTERNAL,
-    POLICY,
-    REPLAY,
-    acceleration,
-    controls,
-    move_pedestrian,
-    move_vehicle,
-    replay_pedestrian,
-    replay_vehicle,
-)
+from vpsci_ros.world.drivers import EXTERNAL, POLICY, REPLAY, acceleration, controls, replay
+from vpsci_ros.world.drivers.social_force import keep_apart
 from vpsci_ros.world.handover import update
+from vpsci_ros.world.motion import move_pedestrian, move_vehicle
 from vpsci_ros.world.paths import project
 from vpsci_ros.world.state import (
     COLLISION,
@@ -86,12 +77,12 @@ def _move(state, first, count, answers, tables, recordings, settings, pushes):  
         step_off(state, first, count, settings.period)
     for i in range(first, first + count):
         if settings.pedestrian_driver == REPLAY:
-            replay_pedestrian(state[i], recordings, settings)
+            replay.pedestrian(state[i], recordings, settings)
         else:
             ax, ay = acceleration(state[i], i, answers, tables, settings, pushes)
             move_pedestrian(state[i], ax, ay, settings)
     if settings.vehicle_driver == REPLAY:
-        replay_vehicle(state[first], recordings, settings.period)
+        replay.vehicle(state[first], recordings, settings.period)
     else:
         move_vehicle(state[first], steer, throttle, brake, settings.period)
 

@@ -1,7 +1,8 @@
 """The loop over ticks: the world publishes a tick, monitor and agents answer, and the world advances.
 
-It has two drivers. In process the loop calls monitor and agents itself (`step`, or iteration over all ticks); in the
-graph the world's node passes on the answers that came as messages (`advance`).
+It has two drivers. In process the loop calls monitor and agents itself (`ticks`, or `step` one at a time); in the graph
+the world's node passes on the answers that came as messages (`advance`). Whatever becomes of the ticks, a dataset, an
+exam, an evaluation or a training, is up to the caller.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -49,8 +50,15 @@ class Loop:
 
     def __iter__(self) -> Iterator[Step]:
         """Run the world until its queue of episodes is done, yielding every tick."""
+        return self.ticks()
+
+    def ticks(self, given: Callable[[Tick, Assessment], Actions] | None = None) -> Iterator[Step]:
+        """Run the world until its queue of episodes is done, yielding every tick.
+
+        :param given: returns actions at each tick besides the agents'; None: none.
+        """
         while not self.world.done:
-            yield self.step()
+            yield self.step(NO_ACTIONS if given is None else given(self.world.now, self.assessment))
 
     @property
     def assessment(self) -> Assessment:
@@ -74,10 +82,6 @@ class Loop:
     def step(self, given: Actions = NO_ACTIONS) -> Step:
         """Ask monitor and agents and advance by one tick."""
         return self.advance(self.assessment, self.actions(given))
-
-    def move(self) -> None:
-        """Advance as `step` does, without a copy of the tick and without interventions."""
-        self.world.advance(self.assessment, self.actions())
 
     def advance(self, assessment: Assessment, actions: Actions) -> Step:
         """Advance with these answers to the present tick, see `World.advance`; the returned tick is a copy."""

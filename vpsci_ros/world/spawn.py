@@ -1,32 +1,27 @@
-"""The spawn: a pure function of (seed, scenario, episode number) and the pedestrian's number.
+"""How an episode begins: a pure function of (seed, scenario, episode number) and the pedestrian's number.
 
-The vehicle starts on its lane at a drawn place, speed and throttle. The pedestrian starts so that, at its own drawn
-speed, it needs a drawn time to reach the lane: already on its way, or waiting at the start of its route for the rest of
-the time. So slow and fast pedestrians meet the vehicle equally often.
+Where vehicle and pedestrians are then, a file of `spawns` says.
 """
 
 import math
 
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.config import VEHICLE_DRIVERS
-from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, unit
 from vpsci_ros.world.crowd import (
     FOLLOWER,
     GROUP,
     OPPOSITE,
     ROOM,
     crowded,
-    draw_kind,
     how_many,
     role_of,
     share_vehicle,
-    speed_of_kind,
     step_off_after,
     walk_along,
 )
-from vpsci_ros.world.human_spawn import join_people, put_walker, spawn_people
-from vpsci_ros.world.paths import line_at, nearest, point_at
-from vpsci_ros.world.right_turns import spawn_right_turn
+from vpsci_ros.world.kinds import draw_kind
+from vpsci_ros.world.paths import nearest
+from vpsci_ros.world.spawns import begin, join, put
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
 
 REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents
@@ -34,12 +29,7 @@ _TRIES = 16  # steps back until a pedestrian has room to begin
 
 
 @kernel
-def _between(low: float, high: float, share: float) -> float:
-    return low + share * (high - low)
-
-
-@kernel
-def _begin(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-def]
+def _reset(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-def]
     """Make an EPISODE record that of a pedestrian in episode `number` of a scenario, at frame 0."""
     episode.pedestrian = pedestrian
     episode.kind = episode.role = episode.struck = 0
@@ -58,108 +48,49 @@ def _begin(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
 
 
 @kernel
-def spawn(state, first, table, number, seed, tables, crowd, human, turning, period):  # type: ignore[no-untyped-def]
+def spawn(state, first, table, number, seed, tables, crowd, which, period):  # type: ignore[no-untyped-def]
     """Make the rows of EPISODE[B] from `first` on those of an episode of scenario `tables.rows[table]`, at frame 0.
 
     Return how many there are, one a pedestrian.
+
+    :param which: index in `SPAWNS`; `period`: of a tick [s].
     """
-    leader, row, drives = state[first], tables.rows[table], 0.0
-    _begin(leader, table, row, number, 0)
+    leader, row = state[first], tables.rows[table]
+    _reset(leader, table, row, number, 0)
     draw_kind(leader, seed, crowd.kinds)
-    if turning:
-        drives = spawn_right_turn(leader, row, tables, seed, period)
-    elif human:
-        drives = spawn_people(leader, row, tables, seed)
-    else:
-        _place_vehicle(leader, row, tables, seed)
-        _place_pedestrian(leader, row, tables, seed)
+    drives = begin(which, leader, row, tables, seed, period)
     count = how_many(leader, seed, crowd)
     for i in range(first + 1, first + count):
-        _join(state, first, i, seed, tables, crowd, human, drives, turning)
+        _join(state, first, i, seed, tables, crowd, which, drives)
     for i in range(first, first + count):
         state[i].pedestrians = count
     return count
 
 
 @kernel
-def _join(state, first, i, seed, tables, crowd, human, drives, turning):  # type: ignore[no-untyped-def]
+def _join(state, first, i, seed, tables, crowd, which, drives):  # type: ignore[no-untyped-def]
     """Make row `i` of EPISODE[B] a further pedestrian of the episode that begins in row `first`."""
     leader, episode = state[first], state[i]
-    _begin(episode, leader.table, tables.rows[leader.table], leader.episode, i - first)
+    _reset(episode, leader.table, tables.rows[leader.table], leader.episode, i - first)
     role = episode.role = role_of(episode, seed, crowd)
     if role == OPPOSITE:
         episode.table += tables.rows.size // 2
     row = tables.rows[episode.table]
     draw_kind(episode, seed, crowd.kinds)
-    if human:
-        join_people(episode, leader, row, tables, seed, drives, turning)
-    else:
-        _place_pedestrian(episode, row, tables, seed)
+    join(which, episode, leader, row, tables, seed, drives)
     s = episode.pedestrian_s
     if role == GROUP:
         s = walk_along(episode, leader, seed)
     elif role == FOLLOWER:
         s = step_off_after(episode, leader, seed, row.standing_room)
     if role in (GROUP, FOLLOWER):
-        _put(episode, row, tables, s, human)
+        put(which, episode, row, tables, s)
     for _ in range(_TRIES):
         if not crowded(state, first, i):
             break
         s -= ROOM
-        _put(episode, row, tables, s, human)
+        put(which, episode, row, tables, s)
     share_vehicle(leader, episode)
-
-
-@kernel
-def _put(episode, row, tables, s, human):  # type: ignore[no-untyped-def]
-    if human:
-        put_walker(episode, row, tables, s, 0.0)
-    else:
-        _put_on_route(episode, row, tables, s)
-
-
-@kernel
-def _place_vehicle(episode, row, tables, seed):  # type: ignore[no-untyped-def]
-    bits = draw(episode, seed, STREAM_SPAWN, 0)
-    s = _between(row.lowest_s, row.highest_s, unit(bits[0]))
-    throttle = _between(row.lowest_throttle, row.highest_throttle, unit(bits[1]))
-    share = _between(row.lowest_initial, row.highest_initial, unit(bits[2]))
-    lane = tables.lane, episode.table, row.lane_count, row.lane_step
-    x, y = point_at(*lane, s)
-    behind_x, behind_y = point_at(*lane, s - 0.5 * row.lane_step)
-    ahead_x, ahead_y = point_at(*lane, s + 0.5 * row.lane_step)
-    sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
-    speed = share * throttle * row.full_throttle_speed
-    episode.route_s, episode.cruise_throttle = s, throttle
-    episode.vehicle_x, episode.vehicle_y = x, y
-    episode.vehicle_heading = episode.action_heading = math.atan2(ahead_y - behind_y, ahead_x - behind_x)
-    episode.vehicle_speed = min(speed, tables.lane_speed[episode.table, sample])
-    episode.vehicle_curvature = 0.0
-
-
-@kernel
-def _place_pedestrian(episode, row, tables, seed):  # type: ignore[no-untyped-def]
-    bits, standing = draw(episode, seed, STREAM_SPAWN, 1), unit(draw(episode, seed, STREAM_SPAWN, 0)[3])
-    speed = speed_of_kind(episode, seed, _between(row.lowest_speed, row.highest_speed, unit(bits[0])))
-    arrival = _between(row.lowest_arrival, row.highest_arrival, unit(bits[1]))
-    offset = _between(row.lowest_offset, row.highest_offset, unit(bits[2]))
-    s = row.conflict - speed * arrival
-    delay = 0.0
-    if s < standing * row.standing_room:
-        s = standing * row.standing_room
-        delay = arrival - (row.conflict - s) / speed
-    episode.pedestrian_offset, episode.walking_speed, episode.start_delay = offset, speed, max(delay, 0.0)
-    _put_on_route(episode, row, tables, s)
-
-
-@kernel
-def _put_on_route(episode, row, tables, s):  # type: ignore[no-untyped-def]
-    """Put the pedestrian beside its route at arc length `s` [m], walking unless it still waits."""
-    x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, s)
-    pace, offset = 0.0 if episode.start_delay > 0.0 else episode.walking_speed, episode.pedestrian_offset
-    episode.pedestrian_s = s
-    episode.pedestrian_x, episode.pedestrian_y = x - offset * uy, y + offset * ux
-    episode.pedestrian_vx, episode.pedestrian_vy = pace * ux, pace * uy
 
 
 @kernel
@@ -171,7 +102,7 @@ def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, record
     for k in range(slots.size):
         first = slots[k]
         episode = state[first]
-        drawn = settings.human, settings.turning, settings.period
+        drawn = settings.spawn, settings.period
         count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, *drawn)
         for i in range(first, first + count):
             state[i].recording = recording_of[k]

@@ -100,7 +100,7 @@ _CODES = (
     "vehicle_goal",  # 1: the vehicle has reached its goal
     "pedestrian_goal",  # 1: the pedestrian has reached its goal
     "pedestrian",  # number within the episode, from 0
-    "kind",  # index in `crowd.KINDS`
+    "kind",  # index in `kinds.KINDS`
     "role",  # index in `crowd.ROLES`
     "struck",  # 1: the vehicle has struck this pedestrian
 )
@@ -124,9 +124,6 @@ EVENT = np.dtype(
     ],
     align=True,
 )
-
-
-# ---- EVENT records from the bits that the engine sets in each slot.
 
 
 NO_EVENTS = np.zeros(0, EVENT)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world.autopilot import comfortable_speeds
-from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS, WorldConfig
+from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, SPAWNS, VEHICLE_DRIVERS, WorldConfig
 from vpsci_ros.world.crowd import Crowd
+from vpsci_ros.world.lane_driving import comfortable_speeds
 from vpsci_ros.world.paths import Path
 from vpsci_ros.world.people import RIGHT_TURNS, TURNING_DECELERATION, mirrored
 from vpsci_ros.world.scenario import Scenario
@@ -69,7 +69,7 @@ class Settings(NamedTuple):
     proximity_distance: float  # [m] below which the autopilot brakes
     lane_following: bool  # the vehicle's lateral action is added to what keeps the lane
     human: bool  # people approach as recorded
-    turning: bool  # those of right turns
+    spawn: int  # index in SPAWNS
     pedestrians: int  # rows of an episode
 
 
@@ -107,7 +107,7 @@ def settings_from(config: WorldConfig) -> Settings:
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
         human=config.spawn != "paper",
-        turning=config.spawn == "right_turns",
+        spawn=SPAWNS.index(config.spawn),
         pedestrians=config.pedestrians,
     )
 

@@ -34,7 +34,7 @@ from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import LIMIT
 from vpsci_ros.world import WorldConfig
-from vpsci_ros.world.autopilot import too_near
+from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.intervention import Intervention, as_parameter
 from vpsci_ros.world.kinematics import MAX_DECELERATION

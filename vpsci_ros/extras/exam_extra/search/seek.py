@@ -17,7 +17,7 @@ from vpsci_ros.extras.exam_extra.search.imitation import Floats32, Imitation, Re
 from vpsci_ros.extras.exam_extra.search.margin import LeastMargins
 from vpsci_ros.extras.exam_extra.search.plan import Plan
 from vpsci_ros.extras.exam_extra.search.risk import Floats
-from vpsci_ros.world.tick import Actions
+from vpsci_ros.world.tick import Actions, Assessment, Tick
 
 _BATCH = 1024  # episodes rehearsed side by side
 Report = Callable[[str, int, int], None]
@@ -97,12 +97,15 @@ def rehearse(
     loop = loop_with(exam, pedestrian, "external", episodes, _BATCH)
     most = exam.world.pedestrians
     recent, least = Recent(most), LeastMargins(exam.config.failure)
+
+    def answers(tick: Tick, assessment: Assessment) -> Actions:
+        features, rows = recent.features(tick.state, assessment.curvttc)
+        answer = np.zeros((len(rows), 2))
+        answer[:, 0] = driver.drive(features)
+        return Actions(vehicle=np.repeat(answer, most, axis=0))
+
     with driver.at_the_wheel():
-        while not loop.world.done:
-            features, rows = recent.features(loop.world.now.state, loop.assessment.curvttc)
-            answer = np.zeros((len(rows), 2))
-            answer[:, 0] = driver.drive(features)
-            step = loop.step(Actions(vehicle=np.repeat(answer, most, axis=0)))
+        for step in loop.ticks(answers):
             least.add(step.tick.state, step.assessment.curvttc)
             report(len(least.found))
     return np.array([least.found[key] for key in episodes])

@@ -10,10 +10,10 @@ import math
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import people
 from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, onset_time, walk_then, walker_speed
-from vpsci_ros.world.autopilot import pursuit_curvature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
-from vpsci_ros.world.crowd import ADULT, CHILD, SET_OFF, speed_of_kind
+from vpsci_ros.world.kinds import ADULT, CHILD, SET_OFF, speed_of_kind
+from vpsci_ros.world.lane_driving import pursuit_curvature
 from vpsci_ros.world.paths import line_at, nearest
 from vpsci_ros.world.people import car_speed, quantile, sway
 
@@ -28,7 +28,7 @@ _DRIVER, _WALKER, _MEETING, _CAR_SWAY, _WALK_SWAY, _SPEEDING_UP = range(2, 8)
 
 
 @kernel
-def spawn_people(episode, row, tables, seed):  # type: ignore[no-untyped-def]
+def begin(episode, row, tables, seed, _period):  # type: ignore[no-untyped-def]
     """Draw two people, when and where they meet, and put them where they are then at the spawn.
 
     Return the time [s] that the car needs from the spawn to the crossing.
@@ -46,7 +46,13 @@ def spawn_people(episode, row, tables, seed):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def join_people(episode, leader, row, tables, seed, drives, turning):  # type: ignore[no-untyped-def]
+def join(episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped-def]
+    """Draw one more walker and put it where it is at the spawn, see `meet_car`."""
+    meet_car(episode, leader, row, tables, seed, drives, False)
+
+
+@kernel
+def meet_car(episode, leader, row, tables, seed, drives, turning):  # type: ignore[no-untyped-def]
     """Draw one more walker, who meets the `leader` record's car for itself, and put them where they are at the spawn.
 
     :param drives: time [s] that the car needs from the spawn to where it meets the leader.
@@ -175,22 +181,22 @@ def place_walker(episode, row, tables, walks, seed):  # type: ignore[no-untyped-
         running = (row.conflict - kerb) / episode.walking_speed + 0.5 * episode.walking_speed / SET_OFF[CHILD]
         if running < walks:
             episode.start_delay = walks - running
-            put_walker(episode, row, tables, kerb, 0.0)
+            put(episode, row, tables, kerb)
             return
     way, time = 0.0, 0.0
     while time < walks:
         way += walker_speed(episode, time) * min(TRACE, walks - time)
         time += TRACE
-    put_walker(episode, row, tables, row.conflict - way, 0.0)
+    put(episode, row, tables, row.conflict - way)
 
 
 @kernel
-def put_walker(episode, row, tables, s, time):  # type: ignore[no-untyped-def]
-    """Put the walker on its line at arc length `s` [m] of the route, at the speed of so long after the spawn [s]."""
+def put(episode, row, tables, s):  # type: ignore[no-untyped-def]
+    """Put the walker on its line at arc length `s` [m] of the route, at its speed at the spawn."""
     x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, s)
     here, there = line_offset(episode, row, s), line_offset(episode, row, s + row.walk_step)
     aside = (there - here) / row.walk_step
-    pace = walker_speed(episode, time) / math.sqrt(1.0 + aside * aside)
+    pace = walker_speed(episode, 0.0) / math.sqrt(1.0 + aside * aside)
     episode.pedestrian_s = s
     episode.pedestrian_x, episode.pedestrian_y = x - here * uy, y + here * ux
     episode.pedestrian_vx, episode.pedestrian_vy = pace * (ux - aside * uy), pace * (uy + aside * ux)

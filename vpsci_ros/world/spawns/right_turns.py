@@ -21,10 +21,12 @@ from vpsci_ros.world import people
 from vpsci_ros.world.approach import drive_then, line_offset, onset_time, walk_then, walks_then
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
-from vpsci_ros.world.crowd import ADULT, CHILD
-from vpsci_ros.world.human_spawn import draw_driver, draw_walker, place_walker, put_car
+from vpsci_ros.world.kinds import ADULT, CHILD
 from vpsci_ros.world.paths import line_at, nearest, project
 from vpsci_ros.world.people import AHEAD, LEFT, TURNS, WAY
+from vpsci_ros.world.spawns.human import draw_driver, draw_walker, meet_car, place_walker, put, put_car
+
+__all__ = ["begin", "join", "put"]
 
 STANDS = 0.3  # [m/s] below it somebody stands
 WAITS = 1.0  # [s] after the onset, for which somebody who stands then waits
@@ -43,7 +45,7 @@ _JUST_BEFORE = 0.15  # [s] before the onset, in which it may be critical already
 
 
 @kernel
-def spawn_right_turn(episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
+def begin(episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
     """Draw a recorded onset and put both where they are up to a second before it.
 
     Return the time [s] that the car needs from the spawn to the crossing.
@@ -73,6 +75,12 @@ def spawn_right_turn(episode, row, tables, seed, period):  # type: ignore[no-unt
         episode.walker_onset = 0
         place_walker(episode, row, tables, drives, seed)
     return drives
+
+
+@kernel
+def join(episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped-def]
+    """Draw one more walker, who walks as in right turns, and put it where it is at the spawn, see `meet_car`."""
+    meet_car(episode, leader, row, tables, seed, drives, True)
 
 
 @kernel

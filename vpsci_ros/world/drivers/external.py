@@ -1,0 +1,26 @@
+"""The external drivers: an agent moves by the commands that come from outside, vehicle or pedestrian."""
+
+from vpsci_ros.world import kinematics
+from vpsci_ros.world.compiled import inlined
+from vpsci_ros.world.observation import from_heading_frame
+
+GAIN = 0.5  # share of an external pedestrian's acceleration that becomes motion, (21)-(24)
+
+
+@inlined
+def vehicle(episode, along, left, keeping, settings):  # type: ignore[no-untyped-def]
+    """Return (steer, throttle, brake) for an acceleration in the heading frame [m/s2].
+
+    :param keeping: curvature [1/m] that keeps the lane, which is added where `lane_following` is on.
+    """
+    speed = episode.vehicle_speed
+    if settings.lane_following:
+        left += keeping * speed * speed
+    return kinematics.steer_for(left, speed), kinematics.throttle_for(along), kinematics.brake_for(along)
+
+
+@inlined
+def pedestrian(episode, along, left):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2] for one in the vehicle's heading frame."""
+    ax, ay = from_heading_frame(episode.vehicle_heading, along, left)
+    return GAIN * ax, GAIN * ay

@@ -1,0 +1,25 @@
+"""The policy drivers: an agent moves by its policy's last action, held until the next policy frame."""
+
+from vpsci_ros.world import kinematics
+from vpsci_ros.world.compiled import inlined
+from vpsci_ros.world.observation import from_heading_frame
+from vpsci_ros.world.people import limited
+
+
+@inlined
+def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
+    """Return (steer, throttle, brake) of the vehicle's policy; `keeping` [1/m] is the curvature that keeps the lane."""
+    speed, along, left = episode.vehicle_speed, episode.vehicle_long, episode.vehicle_lat
+    if settings.lane_following:
+        left += keeping * speed * speed
+    if settings.human:
+        along = limited(along, episode.vehicle_acceleration, settings.period)
+        left = limited(left, episode.vehicle_curvature * speed * speed, settings.period)
+    return kinematics.steer_for(left, speed), kinematics.throttle_for(along), kinematics.brake_for(along)
+
+
+@inlined
+def pedestrian(episode, settings):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy."""
+    ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
+    return settings.pedestrian_gain * ax, settings.pedestrian_gain * ay

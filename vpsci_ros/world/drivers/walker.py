@@ -1,0 +1,69 @@
+"""The walker: follows its route at its speed, whatever comes.
+
+With a spawn of people it walks as a recorded pedestrian: as recorded until the onset, then along its own line.
+"""
+
+import math
+
+from vpsci_ros.world.approach import line_offset, onset_time, walker_speed, walks_then
+from vpsci_ros.world.compiled import inlined, kernel
+from vpsci_ros.world.paths import line_at
+
+WALK_ACCELERATION = 2.5  # [m/s2] with which the walker changes its velocity
+WALK_LOOK_AHEAD = 2.0  # [m]
+
+
+@inlined
+def waits(episode, settings):  # type: ignore[no-untyped-def]
+    """Whether the pedestrian still waits at the kerb."""
+    return episode.frame * settings.period < episode.start_delay
+
+
+@inlined
+def pace(episode, settings):  # type: ignore[no-untyped-def]
+    """Return the speed [m/s] at which the pedestrian walks now, if it neither waits nor stands at its goal."""
+    return walker_speed(episode, episode.frame * settings.period) if settings.human else episode.walking_speed
+
+
+@inlined
+def wanted(episode, speed, tables, settings):  # type: ignore[no-untyped-def]
+    """Return the velocity (vx, vy) [m/s] with which a walker follows its route; `speed` [m/s] where it walks."""
+    row, offset = tables.rows[episode.table], episode.pedestrian_offset
+    if settings.human:
+        offset = line_offset(episode, row, episode.pedestrian_s + WALK_LOOK_AHEAD)
+    route = tables.walk, episode.table, row.walk_count, row.walk_step
+    speed = 0.0 if waits(episode, settings) or (episode.pedestrian_goal and not settings.walk_on) else speed
+    return walk_velocity(*route, episode.pedestrian_s, offset, episode.pedestrian_x, episode.pedestrian_y, speed)
+
+
+@inlined
+def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2] that the walker intends, and whether it keeps to its jerk."""
+    vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
+    then = (episode.frame + 1) * settings.period
+    if episode.walker_onset:
+        onset = tables.onsets[episode.walker_onset - 1]
+        if then < onset_time(onset) + 0.5 * settings.period:
+            next_vx, next_vy = walks_then(episode, onset, then)
+            return (next_vx - vx) / settings.period, (next_vy - vy) / settings.period, False
+    wanted_x, wanted_y = wanted(episode, pace(episode, settings), tables, settings)
+    most = episode.stride if settings.human else WALK_ACCELERATION
+    ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, most, settings.period)
+    return ax, ay, settings.human
+
+
+@kernel
+def walk_velocity(points, row, count, step, s, offset, x, y, speed):  # type: ignore[no-untyped-def]
+    """Velocity (east, north) [m/s] of a walker at (x, y) that follows its route, `offset` [m] to its left."""
+    here_x, here_y, ux, uy = line_at(points, row, count, step, s + WALK_LOOK_AHEAD)
+    dx, dy = here_x - offset * uy - x, here_y + offset * ux - y
+    distance = math.sqrt(dx * dx + dy * dy)
+    return speed * dx / distance, speed * dy / distance
+
+
+@kernel
+def walk_acceleration(change_x: float, change_y: float, most: float, period: float) -> tuple[float, float]:
+    """Acceleration (ax, ay) [m/s2] for a change of velocity [m/s], `most` [m/s2] at most."""
+    change = math.sqrt(change_x * change_x + change_y * change_y)
+    scale = 1.0 / period if change <= most * period else most / change
+    return change_x * scale, change_y * scale

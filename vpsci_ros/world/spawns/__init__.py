@@ -1,0 +1,44 @@
+"""The spawns: where vehicle and pedestrians are as an episode begins, a file for each name in `SPAWNS`.
+
+A spawn has three functions of EPISODE records. `begin` draws the vehicle and the first pedestrian and returns the time
+[s] that the car needs to the crossing; `join` draws a further pedestrian, by that time; `put` puts a pedestrian at an
+arc length of its route [m]. The functions here call those of the spawn with index `which`.
+"""
+
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.config import SPAWNS
+from vpsci_ros.world.spawns import human, paper, right_turns
+
+RIGHT_TURNS, HUMAN = SPAWNS.index("right_turns"), SPAWNS.index("human")
+
+
+@kernel
+def begin(which, episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
+    """Put the vehicle and the first pedestrian where they are at the spawn; return the time to the crossing [s]."""
+    if which == RIGHT_TURNS:
+        return right_turns.begin(episode, row, tables, seed, period)
+    if which == HUMAN:
+        return human.begin(episode, row, tables, seed, period)
+    return paper.begin(episode, row, tables, seed, period)
+
+
+@kernel
+def join(which, episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped-def]
+    """Put a further pedestrian where it is at the spawn; the car of `leader` needs `drives` [s] to the crossing."""
+    if which == RIGHT_TURNS:
+        right_turns.join(episode, leader, row, tables, seed, drives)
+    elif which == HUMAN:
+        human.join(episode, leader, row, tables, seed, drives)
+    else:
+        paper.join(episode, leader, row, tables, seed, drives)
+
+
+@kernel
+def put(which, episode, row, tables, s):  # type: ignore[no-untyped-def]
+    """Put a pedestrian at arc length `s` [m] of its route."""
+    if which == RIGHT_TURNS:
+        right_turns.put(episode, row, tables, s)
+    elif which == HUMAN:
+        human.put(episode, row, tables, s)
+    else:
+        paper.put(episode, row, tables, s)
