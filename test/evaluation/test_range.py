@@ -51,7 +51,9 @@ STAGE_3 = Path("stage3_generate")
 
 
 @pytest.mark.parametrize(
-    "command", [generate, ads_test, partial(graph, params=STAGE_3), partial(drive, browser=False)], ids=str
+    "command",
+    [generate, ads_test, partial(graph, params=STAGE_3), partial(drive, browser=False)],
+    ids=["generate", "ads-test", "graph", "drive"],
 )
 def test_a_source_that_the_bank_does_not_have_is_refused_before_anything_runs(command: Any, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="expected one of cqut, vci, the sources of this bank, got 'nobody'"):
