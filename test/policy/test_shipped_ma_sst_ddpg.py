@@ -8,8 +8,8 @@ from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import WorldConfig, load_scenarios
 
-# the scenes in which they have learned: control ends with the danger, and nothing but (18) steers
-PAPER = WorldConfig(spawn="paper", episode_time=10.0, pedestrian_gain=0.5, release_time=0.0, lane_following=False)
+# the scenes in which they learned: control ends half a second after the danger, and nothing but (18) steers
+PAPER = WorldConfig(spawn="paper", episode_time=10.0, pedestrian_gain=0.5, release_time=0.5, lane_following=False)
 EPISODES = [(scenario, number) for number in range(25) for scenario in range(1, 9)]
 
 
@@ -28,9 +28,9 @@ def test_it_was_learned_with_the_papers_networks_and_numbers_of_episodes_and_by_
     assert first["episodes"] == 3000
 
 
-def test_it_avoids_most_of_the_collisions_that_no_reaction_has(weights):
+def test_it_avoids_nine_of_ten_collisions_that_no_reaction_has_and_more_than_the_papers(weights):
     simulation = SimulationConfig(load_scenarios(range(1, 9)), EPISODES, batch=256, seed=20261121, world=PAPER)
     learned, control = (rates_with_intervals(measure_outcomes(w, simulation)) for w in (weights, None))
     assert learned["critical_episodes"] == control["critical_episodes"] > 100
-    assert learned["collision_high"] < 0.4 < 0.7 < control["collision_low"]
-    assert learned["goal_low"] > control["goal_high"]
+    assert learned["collision_high"] < 0.083 < 0.6 < control["collision_low"]  # the paper's 8.3%
+    assert learned["goal_low"] > 0.812 > control["goal_high"]
