@@ -17,7 +17,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.recorded import vehicle_size
+from vpsci_ros.data.recorded import size_of
 from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.evaluation.onsets import STEPS, find_onsets
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
@@ -106,7 +106,7 @@ def recorded(table: pl.DataFrame) -> pl.DataFrame:
     """Return a row an onset, with its `clip`."""
     rows = []
     for part in with_onset(table).partition_by("interaction", maintain_order=True):
-        size = vehicle_size(part["source"][0])
+        size = size_of(part)
         onset = onset_of(part.select(TRACK).to_numpy(), part["curvttc_causal"].to_numpy(), size)
         if onset is not None:
             rows.append(onset | {"clip": f"{part['source'][0]}/{part['clip'][0]}"})

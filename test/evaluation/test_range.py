@@ -20,6 +20,7 @@ from vpsci_ros.extras.paper.realism.run import run_realism
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
 
 
 def test_each_source_answers_its_own_onsets_another_one_the_rest_and_a_named_one_all() -> None:
@@ -90,3 +91,11 @@ def test_realism_refuses_it_too(tmp_path: Path) -> None:
         run_realism(
             data=Path("right_turns/dev"), people="nobody", held_out=False, clean=False, seed=0, quiet=True, **options
         )
+
+
+def test_onsets_have_the_vehicles_of_the_table_whatever_its_source_is_called() -> None:
+    table = synthetic_near_misses(interactions=4, seed=3).table
+    named = table.with_columns(source=pl.lit("mine"), veh_length=pl.lit(5.5), veh_width=pl.lit(2.1))
+    assert (find_onsets(named).size == [5.5, 2.1]).all()
+    without = table.drop("veh_length", "veh_width")
+    assert (find_onsets(without).size == [VEHICLE_LENGTH, VEHICLE_WIDTH]).all()  # of an unknown source

@@ -43,7 +43,7 @@ def _listed(number: int, source: str, clip: str, least: float) -> Listed:
 def _episode(part: pl.DataFrame, source: str) -> Episode:
     column = {name: part[name].to_numpy() for name in part.columns if part[name].dtype == pl.Float64}
     own = part["source"][0]
-    length, width = (float(part[name][0]) for name in ("veh_length", "veh_width"))
+    length, width = size_of(part)
     x, y, heading, speed = (column[f"veh_{name}"] for name in ("x", "y", "heading", "speed"))
     walk = (column[name][None] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance"))
     px, py, vx, vy, curvttc, distance = walk
@@ -59,6 +59,13 @@ def _episode(part: pl.DataFrame, source: str) -> Episode:
         width=width,
         marks=marks,
     )
+
+
+def size_of(rows: pl.DataFrame) -> tuple[float, float]:
+    """Return length and width [m] of the vehicle of an interaction; rows without sizes have those of their source."""
+    if not {"veh_length", "veh_width"} <= set(rows.columns):
+        return vehicle_size(rows["source"][0])
+    return float(rows["veh_length"][0]), float(rows["veh_width"][0])
 
 
 @lru_cache

@@ -7,7 +7,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_rows
-from vpsci_ros.data.recorded import vehicle_size
+from vpsci_ros.data.recorded import size_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
@@ -86,7 +86,7 @@ def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
             continue
         begin = max(0, at - HISTORY)
         groups.append(group[begin : at + STEPS + 1])
-        sizes.append(vehicle_size(group["source"][0]))
+        sizes.append(size_of(group))
     if not groups:
         raise InvalidInput(
             f"near misses: expected an interaction with {STEPS * STEP:g} s of whole track after its onset, got none of "

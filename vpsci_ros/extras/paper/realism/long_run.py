@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.recorded import vehicle_size
+from vpsci_ros.data.recorded import size_of
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.safety import CRITICAL_TTC, clearance
 from vpsci_ros.world.observation import STEP
@@ -61,7 +61,7 @@ def _tracks(table: pl.DataFrame, lengths: NDArray[np.int64] | None = None) -> di
         limit = None if lengths is None else int(lengths[len(out)])
         seen = slice(int(critical.argmax()), None)
         x, y, heading, px, py = (part[name].to_numpy() for name in ("veh_x", "veh_y", "veh_heading", "ped_x", "ped_y"))
-        length, width = vehicle_size(part["source"][0])
+        length, width = size_of(part)
         apart = clearance(x, y, heading, px, py, length=length, width=width)
         walk = np.hypot(part["ped_vx"].to_numpy(), part["ped_vy"].to_numpy())
         track = np.stack([part["veh_speed"].to_numpy(), walk, ttc, apart], axis=1)

@@ -16,7 +16,7 @@ from rich.padding import Padding
 
 from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.recorded import vehicle_size
+from vpsci_ros.data.recorded import size_of
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.runs.text_table import text_table
@@ -62,7 +62,7 @@ def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], NDArray
 
 
 def _flags(part: pl.DataFrame) -> tuple[Floats, bool]:
-    length, width = vehicle_size(part["source"][0])
+    length, width = size_of(part)
     column = {name: part[name].to_numpy() for name in part.columns if part[name].dtype == pl.Float64}
     x, y, heading, speed = (column[name] for name in ("veh_x", "veh_y", "veh_heading", "veh_speed"))
     walker = tuple(column[name] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy"))
