@@ -1,4 +1,4 @@
-"""YAML and JSON that other people wrote, read so that nothing in them can hang, end or fool a program.
+"""Reading of YAML and JSON files from others, with limits so that no content can hang or crash a program.
 
 Of YAML the part is read that ROS 2 reads of its parameter files: no aliases (a few hundred bytes of them unfold to
 billions of values), no tags but the plain ones, no key twice (YAML keeps the last one without a word).
@@ -54,7 +54,7 @@ def given_names(text: str, where: str) -> list[str]:
 
 
 def reason(error: BaseException) -> str:
-    """Return what an exception says in one line of at most 300 characters; a decoder's own holds all of a file."""
+    """Return an exception's message in one line of at most 300 characters."""
     text = " ".join(str(error).replace(_UNNAMED, "").split()) or type(error).__name__
     return text if len(text) <= 300 else f"{text[:300]} ..."
 
@@ -97,7 +97,7 @@ def _bounded(value: int) -> int:
 
 
 def parse_yaml(text: str, where: str) -> Any:
-    """Return what a YAML text holds.
+    """Return the values of a YAML text.
 
     :param where: what it comes from, the opening of the error message.
     :raises InvalidInput: not YAML, or not of the part that is read, see above.
@@ -138,7 +138,7 @@ def dump_yaml(value: Any) -> str:
 
 
 def read_yaml(path: str | Path) -> Any:
-    """Return what a YAML file holds.
+    """Return the values of a YAML file.
 
     :raises InvalidInput: it cannot be read, or see `parse_yaml`.
     """
@@ -146,7 +146,7 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def require_regular(path: str | Path, most: int = 2**40) -> None:
-    """Refuse what a user names as a file where reading it could wait or go on for ever: a pipe, a device, a socket.
+    """Refuse a path that is no regular file, such as a pipe, a device or a socket.
 
     A file that is not there, or a folder, is left to what opens it.
 
@@ -166,7 +166,7 @@ def require_regular(path: str | Path, most: int = 2**40) -> None:
 
 
 def printable(text: str) -> str:
-    """Return a text from a file without what a terminal obeys: all characters that do not show are escaped."""
+    """Return a printable text: all control characters are escaped."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -185,7 +185,7 @@ def read_text(path: str | Path, what: str, most: int | None = None) -> str:
 
 
 def parse_json(text: str | bytes, where: str) -> Any:
-    """Return what a JSON text holds.
+    """Return the values of a JSON text.
 
     :raises InvalidInput: not JSON, or nested too deeply; `where` opens the message.
     """
@@ -198,7 +198,7 @@ def parse_json(text: str | bytes, where: str) -> Any:
 
 
 def read_json(path: str | Path) -> Any:
-    """Return what a JSON file holds.
+    """Return the values of a JSON file.
 
     :raises InvalidInput: it cannot be read, or see `parse_json`.
     """
@@ -206,7 +206,7 @@ def read_json(path: str | Path) -> Any:
 
 
 def require_form(value: Any, form: Form, where: str) -> None:
-    """Refuse a value that lacks what is read of it; more may be there.
+    """Refuse a value without the required keys and types; further keys are allowed.
 
     :param form: a type, several, or a mapping of keys to forms in turn, in which "*" stands for every key; or a list
         of the form that every entry has.

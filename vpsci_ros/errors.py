@@ -1,4 +1,4 @@
-"""The package's one exception base, and what the operating system refuses in words.
+"""The exceptions of the package, and messages for errors of the operating system.
 
 Every message says what was expected, what came, where, and what to do.
 """
@@ -60,7 +60,7 @@ class Stopped(Exception):
 
 
 def require(*modules: str) -> None:
-    """Refuse to begin what could not be finished for want of an optional library.
+    """Raise `NotInstalled` if one of these optional libraries is missing.
 
     :param modules: that are imported later, by name.
     :raises NotInstalled: one of them is not there.
@@ -71,7 +71,7 @@ def require(*modules: str) -> None:
 
 
 def not_installed(module: str) -> str:
-    """Return in one line which command installs a missing module; nothing where no extra of this package brings it."""
+    """Return a line with the command that installs a missing module; "" if no extra contains it."""
     if module == "vpsci_msgs":
         return "vpsci_msgs, this package's ROS 2 messages, is not built: docs/install.md says how"
     extra = "ros,messages" if module == "rclpy" or module.endswith("_msgs") else _EXTRAS.get(module)
@@ -79,7 +79,7 @@ def not_installed(module: str) -> str:
 
 
 def in_words(error: BaseException) -> str:
-    """Return in one line what the system refused or what is not installed; nothing where the error is of another kind.
+    """Return a line about an error of the operating system or a missing module; "" for any other error.
 
     Libraries wrap the system's errors in their own, whose text ends in its number.
     """

@@ -182,7 +182,7 @@ def flat(tree: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by names with dots as nested mappings, as people write them."""
+    """Return values by names with dots as nested mappings, as in a parameter file."""
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, last = name.split(".")

@@ -1,4 +1,4 @@
-"""Where the package's own data files are, however it was installed."""
+"""Paths of the package's data files, for every kind of installation."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def params_dir(package: Path = _PACKAGE) -> Path:
 
 
 def params_path(name: str | Path, package: Path = _PACKAGE) -> Path:
-    """Return the parameter file that `name` means: a path, or the name of one of the package's ("stage3_generate").
+    """Return the parameter file `name`: a path, or the name of a shipped one ("stage3_generate").
 
     :raises InvalidInput: there is no such file.
     """
@@ -63,7 +63,7 @@ def _data_dir(package: Path, folder: str, what: str) -> Path:
 
 
 def weights_path(name: str, package: Path = _PACKAGE, *, made_by: str = "vpsci people") -> Path:
-    """Return the file of the policy that `name` means: a path, or the name of one shipped with the package ("people").
+    """Return the file of the policy `name`: a path, or the name of a shipped one ("people").
 
     :param made_by: the command that makes such a file, named where a path leads nowhere.
     :raises InvalidInput: there is no such file.
@@ -85,7 +85,7 @@ def recorded_onsets_path(package: Path = _PACKAGE) -> Path:
 
 
 def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, str]:
-    """Return the near-miss table that `name` means, and which part of it: how the names of its clips begin, "" for all.
+    """Return the near-miss table `name`, and its part as a prefix of clip names ("" for all).
 
     A table is "right_turns", which is shipped with the package, or a path; a part is named as if the table were a
     folder of its clips: "right_turns/train", "mine.parquet/dev/corner1".
@@ -100,5 +100,5 @@ def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, 
 
 
 def near_misses_path(name: str | Path, package: Path = _PACKAGE) -> Path:
-    """Return the file of the near-miss table that `name` means, or a part of it; see `near_misses_part`."""
+    """Return the file of the near-miss table `name`, or of a part of it; see `near_misses_part`."""
     return near_misses_part(name, package)[0]

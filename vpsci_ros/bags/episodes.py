@@ -63,7 +63,7 @@ class BagEpisode:
 
     @property
     def name(self) -> str:
-        """As commands take and print it: "6:12"."""
+        """The episode's name in commands, such as "6:12"."""
         return f"{self.scenario}:{self.episode}"
 
     def to_record(self) -> dict[str, str]:
@@ -83,7 +83,7 @@ class BagEpisode:
 
 
 class EventRow(NamedTuple):
-    """What is used of an event of a message on `/episode/event`."""
+    """The used fields of an event from `/episode/event`."""
 
     kind: int  # as in vpsci_msgs/EpisodeEvent
     slot: int
@@ -94,7 +94,7 @@ class EventRow(NamedTuple):
 
 
 class EpisodeLog:
-    """Makes episodes of events, message by message."""
+    """Builds episodes from event messages, one message at a time."""
 
     def __init__(self) -> None:
         self._open: dict[int, tuple[tuple[int, int], int, int, str]] = {}  # by the slot of its first pedestrian
@@ -129,7 +129,7 @@ class EpisodeLog:
 
 
 def event_rows(events: NDArray[np.void]) -> list[EventRow]:
-    """Return what is used of EVENT[n] records."""
+    """Return the used fields of EVENT[n] records."""
     return list(itertools.starmap(EventRow, events[list(EventRow._fields)].tolist()))
 
 
@@ -176,7 +176,7 @@ def _from_ticks(bag: Bag) -> Iterator[BagEpisode]:
 
 
 def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
-    """Return the episode that a person means by "12" or "6:12".
+    """Return the episode with the name "12" or "6:12".
 
     :raises InvalidInput: not of that form, none, or more than one with that number.
     """
@@ -191,7 +191,7 @@ def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
 def choose(
     episodes: list[BagEpisode], numbers: str = "", outcome: str = "", curvttc_below: float | None = None
 ) -> list[BagEpisode]:
-    """Return the episodes that meet all conditions which are given.
+    """Return the episodes that meet all given conditions.
 
     :param numbers: "3,7-9", numbers in every scenario, or "6:12" in one.
     :param outcome: "collision", "goal", "timeout" or "none".
@@ -233,7 +233,7 @@ def _some(episodes: list[BagEpisode]) -> str:
 
 
 def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterator[RecordedTick]:
-    """Yield the ticks in which these episodes run, in order; of a whole bag little else is read.
+    """Yield the ticks of these episodes in order; a complete bag is read by its index.
 
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """

@@ -1,4 +1,4 @@
-"""From a bag to a dataset: the episodes that a graph recorded, filtered, as tables."""
+"""Export of a bag as a dataset: its recorded episodes, filtered, as tables."""
 
 import itertools
 from collections.abc import Collection, Sequence
@@ -90,7 +90,7 @@ def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
 
 
 def provenance_of(bag: str | Path | Bag) -> dict[str, Any]:
-    """Return what is known of how a bag was made: its files' hashes, and the run's configuration.
+    """Return the origin of a bag: hashes of its files, and the configuration of its run.
 
     :raises InvalidInput: see `vpsci_ros.bags.run_record.bag_run`.
     """

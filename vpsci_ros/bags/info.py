@@ -1,4 +1,4 @@
-"""What is in a bag: topics, rates, episodes, outcomes, how it was made, and what is missing for which command."""
+"""Information on a bag: topics, rates, episodes, outcomes, origin, and what commands lack in it."""
 
 import dataclasses
 import math
@@ -26,7 +26,7 @@ SHOWN = 12  # episodes in the printed list
 
 
 def bag_info(path: str | Path) -> dict[str, Any]:
-    """Return what is in a bag, or in the readable part of it, as JSON values; times in seconds.
+    """Return information on a bag, or on its readable part, as JSON values; times in seconds.
 
     :raises InvalidInput: no bag, or nothing of it is readable.
     """
@@ -81,7 +81,7 @@ def bag_info(path: str | Path) -> dict[str, Any]:
 
 
 def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str]) -> list[str]:
-    """Say what a bag lacks, and what cannot be done therefore."""
+    """Return sentences about what a bag lacks, and which commands need it."""
     has = {name for name, topic in topics.items() if topic.messages}
     missing = []
     if WORLD not in has and set(ODOMETRY) <= has:
@@ -98,7 +98,7 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
 
 
 def escape(text: str) -> str:
-    """Return a text from a bag as it may be printed: without markup and without control sequences."""
+    """Return a printable text from a bag, with markup and control sequences escaped."""
     return without_markup(printable(text))
 
 

@@ -1,4 +1,4 @@
-"""One MCAP file: by its index where it is whole, from front to back otherwise, so that a cut-off file reads too.
+"""One MCAP file, read by its index if it is complete, otherwise from front to back.
 
 `mcap` reads and unpacks. The checksums over the data and over the index are compared here, since no reader does it:
 of 200 copies of a bag with one flipped bit, rosbags' reader took 88 for whole and gave other messages for 17 of them,
@@ -62,7 +62,7 @@ class McapFile:
         self.records: list[tuple[str, dict[str, str]]] = []
 
     def topics(self) -> list[TopicInfo]:
-        """Return what topics the file has, in the order of their names.
+        """Return the topics of the file, sorted by name.
 
         :raises InvalidInput: see `messages`.
         """
@@ -129,7 +129,7 @@ class McapFile:
                 self._report_damage(f"a chunk or its index is damaged ({_reason(error)})")
 
     def messages(self) -> Iterator[McapMessage]:
-        """Yield every whole message: damaged chunks are left out, and reading ends where the file breaks off.
+        """Yield every complete message; damaged chunks are skipped, and reading ends where the file breaks off.
 
         :raises InvalidInput: not an MCAP file, or (strict) one that breaks off or is damaged.
         """
@@ -304,7 +304,7 @@ def _topic(channel: Channel, schema: Schema | None, count: int, first: int, last
 
 
 def latched(channel: Channel) -> int:
-    """Return how many messages the publishers of a recorded topic keep for subscribers that come later.
+    """Return the number of messages that a topic's publishers keep for late subscribers.
 
     A bag has a profile for each publisher; older recorders write the durability as rmw's number, 1.
     """

@@ -1,4 +1,4 @@
-"""Ticks from the odometry of a car and a pedestrian alone, as any ROS 2 tool records it.
+"""Ticks from odometry of a car and a pedestrian, recorded by any ROS 2 tool.
 
 Messages of equal header stamps belong together; where the stamps of the two never agree, the pedestrian's message
 nearest in time is taken. There is no telling where an episode began or how it ended, so a new one is taken to begin
@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 
 class RecordedTick(NamedTuple):
-    """The world at one tick and what the safety monitor said of it; NaN where the bag holds no answer to the tick."""
+    """The world and the safety monitor's answer at one tick; NaN where the bag has no answer."""
 
     number: int
     period: float  # [s] from one tick to the next
@@ -41,7 +41,7 @@ class RecordedTick(NamedTuple):
 
 
 def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
-    """Yield the ticks of a bag that has odometry of both; none where it has not.
+    """Yield the ticks of a bag with odometry of both agents; none without it.
 
     :raises InvalidInput: another type on these topics, or a message that cannot be read.
     """

@@ -1,4 +1,4 @@
-"""A recorded bag, this package's or another ROS 2 tool's: MCAP, one file or several, whole or in part."""
+"""A recorded bag of this package or another ROS 2 tool: MCAP, one or several files, complete or not."""
 
 import contextlib
 import re
@@ -20,7 +20,7 @@ _SQLITE = "a bag in sqlite3 storage is not read: have `ros2 bag convert` make on
 
 
 class Bag:
-    """A bag that is read as often as need be; nothing of it is kept in memory.
+    """A bag on disk, which can be read repeatedly; messages are not kept in memory.
 
     :param path: a rosbag2 folder, with or without its metadata.yaml, or one of its files.
     :param recover: read what is whole of a bag that was not closed, is damaged or lacks files, instead of refusing it.
@@ -47,7 +47,7 @@ class Bag:
 
     @property
     def damage(self) -> list[str]:
-        """What was found wrong while reading, one sentence each."""
+        """The damage found while reading, one sentence for each."""
         of_files = [f"{file.path.name}: {text}" for file in self.files for text in dict.fromkeys(file.damage)]
         return [self.lost_files] * bool(self.lost_files) + of_files
 
@@ -166,7 +166,7 @@ def bag_files(path: str | Path) -> list[Path]:
 
 
 def lost_files(path: Path) -> str:
-    """Say which files metadata.yaml lists that are not in the folder; nothing where all are."""
+    """Return a sentence with the files of metadata.yaml that the folder lacks; empty if it has all."""
     listed = bag_information(path).get("relative_file_paths")
     names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []
     lost = [name for name in names if not (path / name).exists()]
@@ -174,7 +174,7 @@ def lost_files(path: Path) -> str:
 
 
 def bag_information(path: Path) -> dict[str, Any]:
-    """Return what metadata.yaml says, nothing where it is missing or unreadable: the files themselves say more."""
+    """Return the content of metadata.yaml; empty if it is missing or unreadable."""
     try:
         return dict(read_yaml(path / "metadata.yaml")["rosbag2_bagfile_information"])
     except (KeyError, TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Complete a bag whose recorder was killed: every whole message again, now with an index and metadata.yaml."""
+"""Repair of a bag whose recorder was killed: complete messages, index and metadata.yaml are written again."""
 
 import contextlib
 from collections import Counter
@@ -18,7 +18,7 @@ from vpsci_ros.runs.output_folder import FolderLock
 
 @dataclass(frozen=True)
 class Repair:
-    """What a repair found.
+    """The result of a repair.
 
     :ivar messages: topic -> messages that the bag now holds.
     :ivar damage: what was wrong, one sentence each; empty: the files were whole.

@@ -25,7 +25,7 @@ NODE, WEIGHTS, SOFTWARE, SCENARIO = "vpsci_node", "vpsci_weights", "vpsci_softwa
 
 @dataclass(frozen=True)
 class BagRun:
-    """What a bag says of its making; empty where it says nothing.
+    """The records in a bag about its run; empty if it has none.
 
     :ivar parameters: node -> its parameters.
     :ivar weights: node -> SHA-256 of its weights file, empty where the recorder could not read it.
@@ -50,7 +50,7 @@ class BagRun:
 
 
 def software_record() -> dict[str, str]:
-    """Return the values of the text record about this machine and what is installed on it."""
+    """Return the values of the text record about this machine and its software."""
     files = {path.stem: sha256(path) for path in scenario_files()}
     return {**software_versions(), "cpu": cpu_name(), "scenario_files": json.dumps(files)}
 
@@ -76,7 +76,7 @@ def node_record(node: str, parameters: Mapping[str, Any], weights_sha256: str | 
 
 
 def bag_run(bag: Bag) -> BagRun:
-    """Read what a bag says of its making.
+    """Read the records in a bag about its run.
 
     :raises InvalidInput: the bag is not whole, see also `Bag.require_complete`, or a record is damaged.
     """
@@ -106,7 +106,7 @@ def bag_run(bag: Bag) -> BagRun:
 
 
 def scenarios_of(bag: Bag, *, own: bool = False) -> list[Scenario]:
-    """Return the scenarios that may occur in a bag: the package's, and those that it holds itself.
+    """Return the scenarios that may occur in a bag: the package's, and those stored in the bag.
 
     :param own: only the latter.
     :raises InvalidInput: see `bag_run`.

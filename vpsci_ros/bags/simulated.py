@@ -1,4 +1,4 @@
-"""Simulated ticks as a bag, written as the recorder of the graph writes them, without ROS.
+"""Simulated ticks written as a bag, in the recorder's format, without ROS.
 
 One episode after the other in one slot, so that the odometry topics, which viewers read, carry them too.
 """

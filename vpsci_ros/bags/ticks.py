@@ -56,7 +56,7 @@ def read_bag(bag: str | Path | Bag, *, start: int = 0, stop: int = 2**63 - 1) ->
 
 
 def what_is_missing(bag: Bag) -> str:
-    """Say why a bag gives no ticks."""
+    """Return the reason for which a bag has no ticks."""
     topics = bag.topics()
     if not topics:
         return f"the bag holds no message of {WORLD}; nothing was recorded"

@@ -1,4 +1,4 @@
-"""Is a bag what its parameters say? The same episodes are simulated in this process and compared to the bit.
+"""Verification of a bag: its episodes are simulated again in this process and compared bit by bit.
 
 Every message of the world, its events among them, the safety monitor and the policies is compared, field by field, and
 each must be there once. Answers that the world did without, because a node was late or away, are known from the events
@@ -48,7 +48,7 @@ _NOTHING: Messages = {}
 
 @dataclass
 class VerifiedBag:
-    """What was compared.
+    """The result of a verification of a bag.
 
     :ivar ticks, episodes, values: how many ticks, episode starts and numbers were compared.
     :ivar difference: the first one, in words; empty: none.

@@ -69,13 +69,13 @@ class BagFile:
     messages: int = 0
 
     def count(self, log_time: int) -> None:
-        """Take one message in."""
+        """Count one message."""
         self.first, self.last = min(self.first, log_time), max(self.last, log_time)
         self.messages += 1
 
 
 class BagWriter:
-    """A bag being written.
+    """Writer of a bag.
 
     :param folder: made if need be; must be empty.
     :param chunk_size: size of a chunk before compression [bytes].
@@ -100,7 +100,7 @@ class BagWriter:
 
     @property
     def path(self) -> Path:
-        """The file that is being written."""
+        """Path of the file that is being written."""
         return self.folder / self.files[-1].name
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
@@ -125,7 +125,7 @@ class BagWriter:
         row.messages += 1
 
     def refuse(self, topic: str) -> None:
-        """Count a message that came and is not written, since it cannot be read."""
+        """Count a received message that is not written, since it cannot be read."""
         self.topics[topic].seen += 1
         self.topics[topic].refused += 1
 

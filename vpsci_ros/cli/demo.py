@@ -1,4 +1,4 @@
-"""The demonstration: near misses in; two small stages of learning and one of generating by nodes; out a page."""
+"""The demonstration: import, two short trainings and a generation by nodes, and a page of episodes."""
 
 import os
 import shutil
@@ -177,7 +177,7 @@ def _share(hits: Iterable[bool]) -> str:
 
 
 def demo_sources(folder: Path, sections: Sections, near_misses: Path, learned: str) -> list[Source]:
-    """Return what the demo's page shows: what people generated, the same episodes by learned weights, near misses.
+    """Return the sources of the demo's page: episodes by `people`, the same by trained weights, near misses.
 
     :param sections: of stage 3.
     :param learned: file of the weights that were just trained.

@@ -1,4 +1,4 @@
-"""The command that puts a driving system to the exam: `vpsci ads-test`."""
+"""The command `vpsci ads-test`, which examines a driving system."""
 
 import contextlib
 from collections.abc import Iterator
@@ -74,7 +74,7 @@ def ads_test(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Put a driving system to the exam: the same episodes with the learned and with reference pedestrians.
+    """Examine a driving system on the same episodes with the default pedestrian and reference pedestrians.
 
     Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes; 2 bad input.
     """

@@ -27,7 +27,7 @@ def pretrain(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Learn from recorded near misses (stage 1).
+    """Train on recorded near misses (stage 1).
 
     Writes pretrained.safetensors, log.csv, learning.png, params.yaml and
     run.json. The same command resumes a stopped run, to the same result.
@@ -47,7 +47,7 @@ def refine(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Learn in simulation (stage 2), starting from the parameter learner.weights.
+    """Train in simulation (stage 2), starting from the weights of the parameter learner.weights.
 
     Writes refined.safetensors, best.safetensors (of a validation world), refine_log.csv, learning.png (Figure 6),
     params.yaml and run.json. The same command resumes a stopped run, to the

@@ -81,7 +81,7 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def of_people(people: str | None) -> list[str]:
-    """Return the overrides (--set) by which both policies act by one source of their banks; None: none."""
+    """Return the overrides (--set) with which both policies use one source of their banks; None: none."""
     return [] if people is None else [f"{agent}_policy.people={people}" for agent in ("vehicle", "pedestrian")]
 
 

@@ -18,7 +18,7 @@ Stage2Inputs = tuple[LearnerConfig, RefineConfig, SimulationConfig, Weights, pl.
 
 
 def stage_1_inputs(sections: Sections) -> Stage1Inputs:
-    """Return what stage 1 learns from: parameters, near misses, and all parameters as the run's folder keeps them.
+    """Return the inputs of stage 1: parameters, near misses, and all parameters for the run's folder.
 
     :raises InvalidInput: a parameter or the near misses are refused, or the section is of stage 2.
     """
@@ -31,7 +31,7 @@ def stage_1_inputs(sections: Sections) -> Stage1Inputs:
 
 
 def stage_2_inputs(sections: Sections) -> Stage2Inputs:
-    """Return what stage 2 learns from: parameters, weights and near misses, the files of both, and all parameters.
+    """Return the inputs of stage 2: parameters, weights, near misses, their files, and all parameters.
 
     :raises InvalidInput: a parameter, the weights or the near misses are refused, or the section is of stage 1.
     """
@@ -47,7 +47,7 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
 
 
 def stage_2_parameters(sections: Sections) -> tuple[LearnerConfig, RefineConfig, SimulationConfig]:
-    """Return the parameters of stage 2 alone, for a study that has weights and near misses of its own.
+    """Return the parameters of stage 2 alone, for a study with its own weights and near misses.
 
     :raises InvalidInput: a parameter is refused, or the section is of stage 1.
     """

@@ -29,7 +29,7 @@ from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 
 def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
-    """Stage 1; goes on from a checkpoint that the same configuration left in `folder`.
+    """Run stage 1 in `folder`; resume from a checkpoint of the same configuration.
 
     :raises InvalidInput: a parameter or the near misses are refused, or another run lies in `folder`.
     :raises Stopped: a signal stopped it; what is done is in `folder`.
@@ -52,7 +52,7 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
 
 
 def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
-    """Stage 2; goes on from the last whole portion of episodes that a stopped run left in `folder`.
+    """Run stage 2 in `folder`; resume a stopped run from its last complete portion of episodes.
 
     :raises InvalidInput: as `run_pretraining`, or the weights to start from are refused.
     """

@@ -1,4 +1,4 @@
-"""The command that shows episodes to people: `vpsci view`."""
+"""The command `vpsci view`, which writes a page that plays episodes."""
 
 from pathlib import Path
 from typing import Annotated

@@ -162,7 +162,7 @@ class DatasetWriter:
             self._tables[number, kept] = [EpisodeTable(path, self._row_group, metadata) for path in paths]
 
     def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
-        """Write episodes of a scenario, filtered, which follow those written before in the order of their numbers.
+        """Filter and write episodes of a scenario; their numbers follow those written before.
 
         :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`).
         """

@@ -52,7 +52,7 @@ FORM_OF_GENERATED: Form = {  # besides, of one that `vpsci generate` made
 
 
 def counts_of(records: NDArray[np.void]) -> dict[str, Any]:
-    """Return how many of RECORD[n] were simulated, kept, rejected by reason ..., the way that they made, nearness."""
+    """Return counts of RECORD[n]: simulated, kept, rejected by reason, path lengths, least CurvTTC."""
     kept = records["reason"] == KEPT
     return {
         "simulated": len(records),
@@ -139,5 +139,5 @@ def description_of(
 
 
 def file_entry(path: Path, rows: int) -> dict[str, Any]:
-    """Return what dataset.json says of a file."""
+    """Return the entry of a file in dataset.json."""
     return {"rows": rows, "bytes": path.stat().st_size, "sha256": sha256(path)}

@@ -56,7 +56,7 @@ class Dataset:
 
     @property
     def inputs(self) -> dict[str, Path]:
-        """Files whose hashes say which dataset it is, by name."""
+        """Files whose hashes identify the dataset, by name."""
         return {DESCRIPTION: self.folder / DESCRIPTION}
 
     def index(self) -> pl.DataFrame:
@@ -66,7 +66,7 @@ class Dataset:
 
     @cached_property
     def own_scenarios(self) -> list[Scenario]:
-        """The scenarios that are not the package's own, which the dataset holds itself."""
+        """The user's scenarios, which the dataset contains."""
         return own_scenarios(self.description.get("own_scenarios"), str(self.folder))
 
     @cached_property

@@ -26,7 +26,7 @@ _OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", 
 
 
 class Listed(NamedTuple):
-    """What is known of an episode without its motion.
+    """An episode's metadata, without its motion.
 
     :ivar name: by which it is found, unique in its source: "6:12", or the number of a recorded interaction.
     :ivar group: name of its scenario, or "source/clip" of a recording.
@@ -44,7 +44,7 @@ class Listed(NamedTuple):
 
     @property
     def label(self) -> str:
-        """As a file is named after it, unique in its source: "LocationA_PedCross_S-N_000012"."""
+        """Name for files, unique in its source: "LocationA_PedCross_S-N_000012"."""
         return f"{self.group.replace('/', '_')}_{self.number:06d}"
 
     @property
@@ -126,12 +126,12 @@ class Episode:
 
     @property
     def outcome(self) -> str:
-        """How it ended."""
+        """The episode's outcome."""
         return self.listed.outcome
 
     @property
     def pedestrians(self) -> int:
-        """How many there are."""
+        """Number of pedestrians."""
         return len(self.ped_x)
 
     @property
@@ -151,7 +151,7 @@ class Episode:
 
     @property
     def path(self) -> Floats:
-        """How far the vehicle has driven, float64[T] [m]."""
+        """Distance that the vehicle has driven, float64[T] [m]."""
         return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
 
     @property
@@ -180,7 +180,7 @@ class Episode:
         return [self.pair(i) for i in range(self.pedestrians)]
 
     def filled(self) -> "Episode":
-        """Return the episode with the last motion that was seen where nobody saw any; CurvTTC stays unknown."""
+        """Return the episode with missing motion replaced by the last known one; CurvTTC stays NaN."""
         motion: dict[str, Any] = {name: filled(getattr(self, name)) for name in _MOTION}
         return replace(self, **motion)
 
@@ -190,7 +190,7 @@ class Episode:
 
 
 def batches(episodes: Iterable[Episode], size: int = BATCH) -> Iterator[list[Episode]]:
-    """Yield episodes `size` at a time, the last time what is left."""
+    """Yield episodes in lists of `size`; the last list may be shorter."""
     left = iter(episodes)
     while batch := list(itertools.islice(left, size)):
         yield batch
@@ -241,7 +241,7 @@ def filled(values: Floats) -> Floats:
 
 
 def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
-    """Return the direction of motion, float64[..., T] [rad], unwrapped; standing the one before, at first the next.
+    """Return the direction of motion, float64[..., T] [rad], unwrapped; while standing the last known one.
 
     :param standing: speed [m/s] up to which a velocity has no direction; NaN where it never has one.
     """

@@ -96,7 +96,7 @@ class EpisodeBlock:
         return np.repeat(np.arange(len(self)), several)[found], first[found]
 
     def stored(self, keep_rejected: bool) -> "EpisodeBlock":
-        """Return the episodes without the rows of rejected ones, unless these are kept, too."""
+        """Return the episodes, without the rows of rejected ones unless these are stored, too."""
         stored, records = self.kept | keep_rejected, self.records.copy()
         records["rows"] = np.where(stored, records["rows"], 0)
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
@@ -132,7 +132,7 @@ class EpisodeFrames:
 
     @property
     def unfinished(self) -> int:
-        """Episodes seen so far of which the end is not (yet) seen: still running, or broken off by another one."""
+        """Number of episodes without a seen end: still running, or broken off by another one."""
         return int(self._slots["open"].sum() + self._counts[2])
 
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBlock:

@@ -1,4 +1,4 @@
-"""Which simulated episodes make it into the dataset: the four conditions of section 3.3 of the paper.
+"""The filters of a dataset: the four conditions of section 3.3 of the paper.
 
 Every condition is checked for every episode, on the numbers as they are stored, and every rejection has a reason that
 is counted. The third condition also drops each collision before the 100th frame, since a collision ends its episode;
@@ -43,7 +43,7 @@ class FilterConfig:
 
 
 def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
-    """Apply the four conditions to every episode of a block whose rows are all there.
+    """Apply the four conditions to every episode of a block with complete rows.
 
     Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
     """

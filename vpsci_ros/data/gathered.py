@@ -1,4 +1,4 @@
-"""Episodes gathered from the ticks of a world, a bag or a running graph, each given out whole as it ends."""
+"""Episodes collected from the ticks of a world, a bag or a running graph, each yielded when it ends."""
 
 from collections.abc import Collection, Iterable, Iterator
 
@@ -25,7 +25,7 @@ def gathered(
     wanted: Collection[Key] | None = None,
     source: str = "",
 ) -> Iterator[Episode]:
-    """Yield episodes as they end; one whose beginning was not seen begins where it was.
+    """Yield episodes as they end; one with an unseen beginning starts at its first seen tick.
 
     :param period: time from one tick to the next [s].
     :param scenarios: those that may occur, found by their numbers.
@@ -53,7 +53,7 @@ def gathered(
 
 
 def group_of(number: int, scenario: Scenario | None) -> str:
-    """Return the name of a scenario, or what stands for it where it is not known."""
+    """Return the name of a scenario, or a placeholder if it is unknown."""
     return scenario.name if scenario else "odometry" if number == NO_SCENARIO else f"scenario_{number}"
 
 

@@ -1,4 +1,4 @@
-"""Recorded near misses as padded arrays: what each agent observed, did and saw come of it, step by step."""
+"""Recorded near misses as padded arrays: observations, actions and next velocities of each agent and step."""
 
 import hashlib
 from dataclasses import dataclass, fields
@@ -53,7 +53,7 @@ class Interactions:
         return np.arange(self.motion.shape[1]) < self.length[:, None] - 1
 
     def samples(self) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
-        """Return what each agent saw, float32[n, 6], and its next speeds, float32[n, 2] [m/s], of all steps.
+        """Return observations float32[n, 6] and next velocities float32[n, 2] [m/s] of each agent at all steps.
 
         Of these the networks take their normalisation and their reward statistics (`Networks.set_statistics`).
         """
@@ -70,7 +70,7 @@ class Interactions:
         return trends[0], trends[1]
 
     def moving(self, motion: NDArray[np.float64]) -> "Interactions":
-        """Return the same interactions with another `motion`, and observations, actions and velocities by it."""
+        """Return the interactions with another `motion`, and observations, actions and velocities computed from it."""
         return Interactions(
             self.length, self.first, self.last, self.clip, motion, self.curvttc, *seen_and_done(motion, self.length)
         )
@@ -135,7 +135,7 @@ def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tup
 
 
 def table_hash(table: pl.DataFrame) -> str:
-    """Return the SHA-256 of the rows and columns that learning reads, in hexadecimal: what a run was made from."""
+    """Return the SHA-256 of the rows and columns that a training reads, in hexadecimal."""
     table, digest = around_critical(table), hashlib.sha256()
     for name in ("interaction", "source", "clip", *_MOTION, "curvttc"):
         digest.update("\0".join(table[name].cast(pl.String)).encode())

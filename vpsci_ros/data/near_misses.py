@@ -1,4 +1,4 @@
-"""The near-miss table: real interactions below 5 s of CurvTTC, one row a step of 0.1 s, from whatever recording.
+"""The near-miss table: recorded interactions with CurvTTC below 5 s, one row for each step of 0.1 s.
 
 An interaction is one vehicle and one pedestrian of one clip, for as long as both are seen. Its rows lie together,
 `step` counts them without a gap, and `clip` is the unit by which data are held out: two interactions of one clip share
@@ -383,17 +383,17 @@ def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.Data
 
 
 def place_of(seed: int, source: str, clip: str) -> str:
-    """Return the hash by which clips are put in order."""
+    """Return the hash by which clips are sorted."""
     return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()
 
 
 def corpus_files(names: Sequence[str | Path]) -> list[Path]:
-    """Return the files of the near-miss tables that `names` mean; without a name, of the package's right turns."""
+    """Return the files of the near-miss tables `names`; without a name, that of the shipped right turns."""
     return [near_misses_path(name) for name in names or [TO_LEARN_FROM]]
 
 
 def load_corpus(names: Sequence[str | Path]) -> pl.DataFrame:
-    """Return the near misses that a run learns from as one table, interactions numbered through.
+    """Return the near misses of a training as one table, with consecutive interaction numbers.
 
     :param names: tables or parts of tables, see `read_near_misses`; none: the training part of the package's right
         turns.

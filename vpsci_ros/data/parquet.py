@@ -1,4 +1,4 @@
-"""Parquet files that explain themselves: a unit and a description in every field, one JSON document in the schema."""
+"""Self-describing Parquet files: unit and description in every field, a JSON document in the schema."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -22,7 +22,7 @@ MOST_TEXT = 2**30  # [bytes] of its texts; one that a file holds once may stand 
 
 
 class Column(NamedTuple):
-    """One column of a table: its type in memory, its unit ("" where it has none) and what it says."""
+    """One column of a table: its type in memory, its unit ("" if it has none) and its meaning."""
 
     dtype: type[pl.DataType]
     unit: str

@@ -1,4 +1,4 @@
-"""What the paper says of its dataset: Table 10, section 4.3, and the time that it took (3.3)."""
+"""Values published about the paper's dataset: Table 10, section 4.3, and the generation time (3.3)."""
 
 from typing import NamedTuple
 

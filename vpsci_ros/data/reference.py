@@ -1,4 +1,4 @@
-"""What makes a near miss a good example of what people do, and which of its rows are about the danger.
+"""Flags of near misses, and the rows around their critical steps.
 
 A near-miss table keeps the whole joint track of a pair. Four flags say what an interaction cannot be an example of: a
 car that stands does not drive into anybody; a track that begins critical has no onset and no approach; a contact

@@ -27,7 +27,7 @@ class Seen(NamedTuple):
 
 
 def roll_out(start: Scene, act: Callable[[Seen], Actions], moving: Sequence[int]) -> Iterator[Scene]:
-    """Yield the scenes after each step of 0.1 s; where a number is not finite, one of NaN, and no more.
+    """Yield the scene after each step of 0.1 s; after a value that is not finite, yield NaN once and stop.
 
     :param start: B scenes.
     :param act: returns both agents' accelerations.

@@ -1,4 +1,4 @@
-"""One vehicle and one pedestrian that move freely: the same in training and in evaluation.
+"""Kinematics of one vehicle and one pedestrian in torch, for training and evaluation.
 
 (8)-(9) give each agent's next velocity in the vehicle's heading frame of step t; positions follow with the mean of
 both velocities. Then the frame moves on: the vehicle's heading turns with its velocity, no more sharply than the
@@ -89,7 +89,7 @@ def _tracked_velocity(motion: Tensor, at: Tensor, steps: int) -> Tensor:
 
 
 def observe(scene: Scene) -> tuple[Tensor, Tensor]:
-    """Return what vehicle and pedestrian observe, [B, 6] each, equations (6) and (7); as `vpsci_ros.world.observe`."""
+    """Return the observations of both agents, [B, 6] each, equations (6) and (7); as `vpsci_ros.world.observe`."""
     seen = scene.vehicle_velocity, scene.pedestrian_velocity, scene.vehicle - scene.pedestrian
     own, other, distance = to_heading_frame(torch.stack(seen, dim=1), scene.heading[:, None]).unbind(dim=1)
     return torch.cat([own, distance, own - other], dim=1), torch.cat([other, -distance, other - own], dim=1)

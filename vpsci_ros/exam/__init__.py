@@ -1,4 +1,4 @@
-"""The exam of a driving system: `prepare` it, `run` it, and what comes of it.
+"""The exam of a driving system: `prepare` it, `run` it, and report its results.
 
 `conduct` has the system meet each pedestrian, by the graph of nodes (`in_graph`) or the loop (`in_process`), in which
 a class answers from a process of its own (`class_process`). `measures` makes a row of each episode, `scores`

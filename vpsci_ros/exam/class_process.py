@@ -1,4 +1,4 @@
-"""A driving system's class in a process of its own: what it does to its process, it does not do to the exam.
+"""A driving system's class in its own process, so that its crashes do not end the exam.
 
 It may end its process, leave threads and copies of it, change the folder, or write into what it is shown. The exam has
 its answers as JSON through a connection, one to each scene, and knows how the process ended.
@@ -48,7 +48,7 @@ class ClassProcess:
         self.path: str = self._first("while its module was imported")
 
     def seat(self, scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
-        """Make an object of the class for each seat, see `Cockpit`.
+        """Create an object of the class for each slot, see `Cockpit`.
 
         :raises InvalidInput: it cannot be made.
         """
@@ -57,7 +57,7 @@ class ClassProcess:
         self._first("while its objects were made")
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
-        """Yield the answer to each scene; once the process has ended, that it has."""
+        """Yield the answer to each scene; after the process has ended, an answer that says so."""
         with contextlib.suppress(OSError):
             self._connection.send(scenes)
         for _ in scenes:
@@ -111,7 +111,7 @@ class ClassProcess:
 
 @contextlib.contextmanager
 def class_process(text: str, log: Path, patience: float) -> Iterator[ClassProcess]:
-    """Start a process for the class MODULE:CLASS, and end it with all that it started when the `with` block is left.
+    """Start a process for the class MODULE:CLASS; stop it and its children at the end of the `with` block.
 
     :param log: for what it writes.
     :raises InvalidInput: the class cannot be found.
@@ -131,7 +131,7 @@ def class_process(text: str, log: Path, patience: float) -> Iterator[ClassProces
 
 
 def files_of_class(text: str) -> dict[str, str]:
-    """Return the file that defines the class MODULE:CLASS, with its SHA-256: what is examined.
+    """Return the file that defines the class MODULE:CLASS, with its SHA-256.
 
     :raises InvalidInput: there is no such class, or it is no driver.
     """
@@ -141,7 +141,7 @@ def files_of_class(text: str) -> dict[str, str]:
 
 
 def main(descriptor: int, text: str) -> None:
-    """Answer in the process of the class, until the connection ends."""
+    """Answer in the process of the class until the connection ends (the main loop)."""
     connection, own = Connection(descriptor), os.getpid()
 
     def say(what: Any) -> None:

@@ -1,4 +1,4 @@
-"""The runs of an exam: a driving system, or the autopilot, meets one pedestrian after the other on the same episodes.
+"""The runs of an exam: the driving system or the autopilot drives the same episodes with each pedestrian.
 
 A driving system drives through the graph of nodes, one episode at a time (`in_graph`), or answers through the loop,
 many side by side (`in_process`); so does the autopilot. Many episodes are driven in parts, each a run of its own, by
@@ -60,7 +60,7 @@ def run_with_all(
     quiet: bool,
     what: str = "",
 ) -> dict[str, RunResult]:
-    """Have the driving system meet one pedestrian after the other; a run that is done in `folder` is only read.
+    """Run the driving system with each pedestrian; a finished run in `folder` is only read.
 
     After a run in which not one episode is driven no other begins: its failure is said once.
 
@@ -91,7 +91,7 @@ def run_with_all(
 
 
 def conductor(parts: Sequence[Exam], titles: Mapping[Run, str], folder: Path) -> Callable[[Run], RunResult]:
-    """Return what conducts the runs of an exam's parts, in a process of its own or not.
+    """Return the function that runs a part of an exam with one pedestrian.
 
     :param titles: of the runs, for the progress; a run without one is quiet.
     """
@@ -104,7 +104,7 @@ def conductor(parts: Sequence[Exam], titles: Mapping[Run, str], folder: Path) ->
 
 
 def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> RunResult:
-    """Have the driving system meet one pedestrian in `folder`, unless it has done so there; return the result.
+    """Run the driving system with one pedestrian in `folder`, unless the run is finished; return the result.
 
     :param which: label of the run in the progress.
     :raises VpsciError: a node has failed.
@@ -166,13 +166,13 @@ def joined(results: Sequence[RunResult], wanted: int) -> RunResult:
 
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
-    """Say whether the run of a part with a pedestrian has come to its end in this folder."""
+    """Return whether the run of a part with a pedestrian is finished in this folder."""
     record = read_record(run_folder(folder, name, exam.part) / RECORD)
     return record is not None and not record["error"]
 
 
 def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
-    """Return the result of a run: the episodes that ended, without those that were left to the autopilot.
+    """Return the result of a run: its ended episodes, without those that the autopilot had to finish.
 
     :raises InvalidInput: what it left cannot be read, though it came to its end.
     """
@@ -219,7 +219,7 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
 
 
 def episodes_in_bag(bag: Bag, exam: Exam) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of a bag of the ADS with a pedestrian, and who became critical first in each.
+    """Return the episodes of a bag, and the first critical pedestrian of each.
 
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
     """

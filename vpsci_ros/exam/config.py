@@ -1,4 +1,4 @@
-"""What an exam asks of a driving system, and with whom."""
+"""The configuration of an exam: driving system, pedestrians and criteria."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ def added_pedestrians() -> tuple[str, ...]:
 
 
 def title_of(pedestrian: str) -> str:
-    """Return what a report calls a pedestrian."""
+    """Return a pedestrian's title in reports."""
     return TITLES.get(pedestrian, pedestrian)
 
 
@@ -98,6 +98,6 @@ class ExamConfig:
 
     @property
     def opponents(self) -> list[str]:
-        """The pedestrians to meet, recorded people after the default one."""
+        """The pedestrians of the exam, recorded motion after the default pedestrian."""
         names = {*self.pedestrians, *(["recorded"] if self.recorded else [])}
         return [name for name in (*DRIVERS, *added_pedestrians()) if name in names]

@@ -25,7 +25,7 @@ _FORM = re.compile(rf"\s*(\w+)\s*(>=|<=|>|<)\s*({_NUMBER})\s*(?:@\s*(\w+)\s*)?")
 
 
 class Criterion(NamedTuple):
-    """A reason to fail: a measure compared with a limit, with one pedestrian, or (None) with any of them."""
+    """A criterion: a measure compared with a limit, for one pedestrian or (None) for each of them."""
 
     text: str
     measure: str
@@ -35,7 +35,7 @@ class Criterion(NamedTuple):
 
 
 def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Criterion:
-    """Return the criterion that `text` means.
+    """Return the criterion written as `text`.
 
     :param opponents: pedestrians of the exam.
     :param compared: whether it is compared with an earlier one.
@@ -63,7 +63,7 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Cri
 
 
 def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequence[str]) -> list[dict[str, Any]]:
-    """Return a verdict for each criterion and pedestrian that it speaks of, as JSON values.
+    """Return a verdict for each criterion and each of its pedestrians, as JSON values.
 
     A measure without a value counts as a failure: the criterion cannot be shown not to hold.
     """

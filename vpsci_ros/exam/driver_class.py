@@ -1,4 +1,4 @@
-"""A driving system that is a Python class: how it is found, what it gets at each tick, and what it may answer.
+"""A driving system as a Python class: finding it, its observations, and its commands.
 
 It is written without this package and without ROS: `reset(begin)` before each episode, `act(observation)` at each tick
 of it. One object drives one episode at a time, and many objects drive side by side, so that an episode comes out the
@@ -30,7 +30,7 @@ _TRACED = 10_000  # characters of a traceback in a log
 
 
 class Begin(NamedTuple):
-    """What `reset` gets: the episode that begins.
+    """The argument of `reset`: the episode that begins.
 
     :ivar scenario: where; `scenario.vehicle.path` is the lane's centre line.
     :ivar episode: its number within the scenario.
@@ -44,7 +44,7 @@ class Begin(NamedTuple):
 
 @dataclass(frozen=True)
 class Observation:
-    """What `act` gets: one tick as the topics have it, to the bit.
+    """The argument of `act`: one tick, bit-identical to the topics.
 
     :ivar time: since the episode began [s].
     :ivar vehicle: of `/vehicle/odometry`: x, y [m], yaw [rad], speed [m/s], yaw_rate [rad/s].
@@ -62,7 +62,7 @@ class Observation:
     _tables: Tables
 
     def of_environment(self) -> NDArray[np.float32]:
-        """Return what the Gymnasium environment shows, float32[21], see `vpsci_ros.envs.task`."""
+        """Return the observation of the Gymnasium environment, float32[21], see `vpsci_ros.envs.task`."""
         from vpsci_ros.envs.task import observe
 
         nearest = self._curvttc.argmin()
@@ -71,13 +71,13 @@ class Observation:
 
 
 class Driver(Protocol):
-    """The driving system: the class needs no argument to be made."""
+    """Interface of a driving system; its constructor takes no argument."""
 
     def reset(self, begin: Begin) -> None:
         """Begin an episode."""
 
     def act(self, observation: Observation) -> Any:
-        """Return what to do at this tick, see `command_of_answer`."""
+        """Return the command at this tick, see `command_of_answer`."""
 
 
 _FORMS = {
@@ -91,7 +91,7 @@ _RANGES = {
 
 
 def command_of_answer(answer: Any) -> tuple[str, tuple[float, ...]]:
-    """Return what an answer commands: "vehicle" with two numbers, or "vehicle_control" with three.
+    """Return the command of an answer: "vehicle" with two numbers, or "vehicle_control" with three.
 
     :param answer: acceleration along the car [m/s2]; or along it and to its left; or steer, throttle and brake.
     :raises InvalidInput: something else, or out of the range of the topic with the same command.
@@ -120,13 +120,13 @@ def _numbers(answer: Any) -> tuple[float, ...]:
 
 
 def as_odometry(record: np.void, agent: str) -> PlanarMotion:
-    """Return "vehicle" or "pedestrian" of an EPISODE record as who reads its odometry has it, to the bit."""
+    """Return "vehicle" or "pedestrian" of an EPISODE record, bit-identical to its odometry topic."""
     motion = motion_of(record, agent)
     return motion._replace(yaw=2.0 * math.atan2(*motion.quaternion))
 
 
 def as_object(seen: np.void) -> PlanarMotion:
-    """Return one of `/perception/objects`, an OBJECT record, as who reads the float32 of its point has it."""
+    """Return an object, an OBJECT record, with the float32 values of its point in `/perception/objects`."""
     x, y, vx, vy = (float(np.float32(seen[name])) for name in ("x", "y", "vx", "vy"))
     return PlanarMotion(x, y, math.atan2(vy, vx), math.hypot(vx, vy), 0.0)
 
@@ -207,7 +207,7 @@ Answers = Callable[[Sequence[Scene]], Iterable[Answer]]
 
 
 class Cockpit:
-    """Drivers of one class, one for each seat.
+    """Drivers of one class, one for each slot.
 
     :param make: the class.
     :param spawn: `WorldConfig.spawn`, which places the goals that the drivers observe.
@@ -226,7 +226,7 @@ class Cockpit:
         self._tables = tables_from(scenarios, spawn)
 
     def answers(self, scenes: Iterable[Scene]) -> Iterator[Answer]:
-        """Yield the answer to each scene; an error of the driver, whatever it is, is an answer."""
+        """Yield the answer to each scene; any error of the driver is returned as an answer."""
         return map(self._answer, scenes)
 
     def _answer(self, scene: Scene) -> Answer:
@@ -262,7 +262,7 @@ class Cockpit:
 
 
 def said(error: BaseException) -> str:
-    """Return what an error of a stranger's code says, in one printable line."""
+    """Return the message of an error in the driving system's code, in one printable line."""
     try:
         text = str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {error}"
     except BaseException:  # noqa: BLE001  # its text is the stranger's code, too

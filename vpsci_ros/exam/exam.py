@@ -1,4 +1,4 @@
-"""What is examined, on which episodes and with whom; all that can be checked before anything runs is checked here."""
+"""The prepared exam: driving system, episodes and pedestrians, checked before anything runs."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +41,7 @@ PART = 100  # episodes of a run, at most: where there are more, its pedestrian h
 
 @dataclasses.dataclass(frozen=True)
 class Exam:
-    """What is examined, and on which episodes.
+    """A prepared exam: the driving system and its episodes.
 
     :ivar sections: the parameters that the graphs are started with.
     :ivar part: which one of an exam in several parts, from 0.
@@ -60,7 +60,7 @@ class Exam:
 
     @property
     def person(self) -> bool:
-        """Whether a person drives: an episode a run, and none with nobody there."""
+        """Whether a person drives; each run is then one episode, and there is no run on an empty road."""
         return self.config.ads == PERSON
 
     @property
@@ -70,12 +70,12 @@ class Exam:
 
     @property
     def simulator(self) -> SimulatorConfig:
-        """The engine that moves the agents, and what it changes."""
+        """Configuration of `world_simulator`, such as its engine."""
         return self.sections.get(SimulatorConfig, "world_simulator")
 
     @property
     def opponents(self) -> list[str]:
-        """With whom it is driven, one after the other; first with nobody there, the reference of the time lost."""
+        """The pedestrians of the runs in order; the first run is on an empty road, the reference of the time lost."""
         return [*([] if self.person else [ALONE]), *self.config.opponents]
 
     @property
@@ -90,7 +90,7 @@ class Exam:
         return dataclasses.replace(self, sections=sections, run=dataclasses.replace(self.run, only=listed))
 
     def parts(self) -> list["Exam"]:
-        """Return the exam in parts that are driven in a run each, however many workers there are."""
+        """Return the parts of the exam; each is one run, for any number of workers."""
         keys, most = self.episodes, 1 if self.person else SIDE_BY_SIDE if self.config.ads_class else PART
         if len(keys) <= most:
             return [self]
@@ -99,17 +99,17 @@ class Exam:
 
     @property
     def scenarios(self) -> list[Scenario]:
-        """Where they take place."""
+        """The scenarios of the episodes."""
         return load_scenarios(self.run.scenarios, self.run.scenario_files)
 
     @property
     def perception(self) -> PerceptionConfig | None:
-        """Errors of what is published of pedestrians to the ADS; None: it has their odometry."""
+        """Errors of the pedestrians' published data; None: the ADS gets exact odometry."""
         return self.sections.get(PerceptionConfig, "perception") if self.config.perception else None
 
     @property
     def latency(self) -> float | None:
-        """How late pedestrians are published to the ADS [s], in whole ticks; None: it has their odometry."""
+        """Delay of the pedestrians' published data [s], in whole ticks; None: the ADS gets exact odometry."""
         return None if self.perception is None else self.perception.delay(self.world.tick) * self.world.tick
 
     @property
@@ -124,7 +124,7 @@ class Exam:
         return policy.of(config.people).reach if isinstance(policy, Bank) else None
 
     def policy(self, pedestrian: str) -> PolicyConfig:
-        """Return the parameters of a pedestrian that acts from the hand-over on, by its weights or added."""
+        """Return the parameters of a pedestrian that acts from the hand-over on, by weights or by an added agent."""
         return dataclasses.replace(self.sections.get(PolicyConfig, "pedestrian_policy"), agent=pedestrian)
 
     def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:
@@ -136,14 +136,14 @@ class Exam:
         return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> Motion:
-        """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
+        """Return the motion of a replayed pedestrian: a recording, or an absent pedestrian."""
         if pedestrian == ALONE:
             return absent_pedestrians(self.spawns())
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
         return recorded_people(read_near_misses(path), self.spawns(), self.scenarios, world, self.run.seed, path)
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
-        """Return the episodes as they begin, EPISODE[n * P], P rows for each where there are several pedestrians."""
+        """Return the spawns of the episodes, EPISODE[n * P], P rows for each with several pedestrians."""
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
@@ -208,7 +208,7 @@ def driver_files(config: ExamConfig) -> dict[str, str]:
 
 
 def identity_of(exam: Exam) -> dict[str, Any]:
-    """Return what identifies an exam: runs of exams with equal ones can be reused."""
+    """Return the identity of an exam; exams with equal identities can reuse each other's runs."""
     examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name not in _CHECKED_AGAIN}
     nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
     return {
@@ -227,7 +227,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = EXAM) -> None:
-    """Begin this exam in the folder, or go on with it there.
+    """Begin or resume this exam in the folder.
 
     :param name: of the file that says what it is.
     :raises InvalidInput: it holds something else.

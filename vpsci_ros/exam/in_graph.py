@@ -1,4 +1,4 @@
-"""A run of an exam through the graph of nodes: the driving system is a program that speaks ROS."""
+"""A run of an exam through the graph of nodes, for a driving system that is a ROS program."""
 
 import contextlib
 import shutil
@@ -23,7 +23,7 @@ DYING = 1.0  # [s] from the last command of a system that ends to its end
 
 
 def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
-    """Return the context in which graphs have a ROS domain of their own; none without a graph of the exam's."""
+    """Return a context manager that reserves a ROS domain for the exam's graphs; an empty one without graphs."""
     if exam.in_process or exam.config.ads == EXTERNAL:
         return contextlib.nullcontext()
     from vpsci_ros.nodes.domain import own_domain
@@ -32,7 +32,7 @@ def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
 
 
 def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
-    """Run the graph with one pedestrian in the folder `run`; a system that fails is in its record.
+    """Run the graph with one pedestrian in the folder `run`; its record has a failure of the system.
 
     :param log: for what the system writes.
     :raises VpsciError: a node has failed.
@@ -73,12 +73,12 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
 
 
 def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
-    """Return what the world of a graph has counted; None where it has reported nothing."""
+    """Return the world's counts; None if it has reported none."""
     return nodes["world_simulator"].counts if "world_simulator" in nodes else None
 
 
 def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
-    """Return the parameters of the graph in which the driving system meets one pedestrian in the folder `run`."""
+    """Return the parameters of the graph for a run with one pedestrian in the folder `run`."""
     config = exam.with_pedestrian(name, "external")
     world: dict[str, Any] = {"vehicle_driver": "external", "pedestrian_driver": config.pedestrian_driver, "batch": 1}
     nodes = ["world_simulator", "safety_monitor", "recorder"]

@@ -1,4 +1,4 @@
-"""A run of an exam through the loop, without ROS: the driving system is a class, has a seat here, or is the autopilot.
+"""A run of an exam without ROS: the driving system is a class, an object in this process, or the autopilot.
 
 A driver that raises, or answers with something that is no command, loses that episode and no other: which ones are lost
 does not depend on how many run side by side.
@@ -46,7 +46,7 @@ _SIDE_BY_SIDE = 64  # episodes of the autopilot
 
 
 def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:
-    """Return the loop in which a driver of the world's meets a pedestrian in this process.
+    """Return the loop of a driver and a pedestrian in this process.
 
     :param vehicle: the world's `vehicle_driver`.
     :param batch: episodes side by side, at most.
@@ -142,7 +142,7 @@ def _recorded(steps: Iterable[Step], lost: Collection[Key]) -> Iterator[Step]:
 
 
 class InProcess:
-    """A driving system at the wheel of every car of a loop.
+    """A driving system that drives every car of a loop.
 
     :param loop: whose world leaves the vehicle to an external driver.
     :param answers: of the driving system, a seat for each car.
@@ -174,7 +174,7 @@ class InProcess:
             yield step
 
     def failure(self) -> str:
-        """Return why not all episodes were driven to their end; empty where they were."""
+        """Return the reason for which episodes are unfinished; "" if all were driven to their end."""
         if not self.lost:
             return ""
         (scenario, episode), why = next(iter(sorted(self.lost.items())))

@@ -1,4 +1,4 @@
-"""From episodes to one row each: what a driving system did with one pedestrian, in columns that everything rests on."""
+"""The table of episodes of an exam: one row each with all measures of the driving system."""
 
 import math
 from collections.abc import Sequence
@@ -57,7 +57,7 @@ OLDER = {"range": ""}  # what exams from before 26 November 2026 lack
 
 
 def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:
-    """Return episodes by how bad they are.
+    """Return episodes sorted by severity, the worst first.
 
     Contacts of a moving vehicle, the fastest first, then those without a contact by least CurvTTC, and last those in
     which the pedestrian walked into a standing vehicle.
@@ -78,7 +78,7 @@ def episode_table(
     pedestrian: str,
     reach: Floats | None = None,
 ) -> pl.DataFrame:
-    """Return a row an episode, with the columns of `COLUMNS`; frames that nobody saw count as the last one seen.
+    """Return a row for each episode, with the columns of `COLUMNS`; missing frames repeat the last known one.
 
     :param alone: the same driver on the same episodes with nobody there: the reference of the time lost.
     :param reach: float64[4, 5], the range of the pedestrian's recorded onsets, see `vpsci_ros.policy.onset_range`.
@@ -131,7 +131,7 @@ def episode_table(
 
 
 def arrived(episode: Episode) -> bool:
-    """Return whether the vehicle is at its goal when the episode ends, whoever else is."""
+    """Return whether the vehicle is at its goal when the episode ends."""
     if episode.outcome == OUTCOME_NAMES[GOAL] or episode.scenario is None:
         return episode.outcome == OUTCOME_NAMES[GOAL]
     lane = episode.scenario.vehicle
@@ -154,7 +154,7 @@ def lane_departure(episode: Episode) -> tuple[float, float]:
 
 
 def time_lost(path: Floats, alone: Floats | None, period: float) -> float:
-    """Return how much later the vehicle is at the place that it reaches than it was there alone on the road [s].
+    """Return the delay [s] of the vehicle at its last position, compared with an empty road.
 
     Unlike the time to a goal it is defined for a vehicle that has not arrived when its episode ends.
 

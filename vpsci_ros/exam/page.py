@@ -1,4 +1,4 @@
-"""An exam's report for people: one HTML page that needs nothing beside it, and a table on the terminal."""
+"""An exam's report: a self-contained HTML page, and a table on the terminal."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -211,7 +211,7 @@ def _summary(report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def must_see(table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return rows of the three episodes of the ADS that one must see, each with the reason as `why`."""
+    """Return rows of the three most important episodes of the ADS, each with the reason as `why`."""
     rows = worst_first(table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") != ALONE)))
     other = table.filter(pl.col("driver") == BASELINE).select(*_KEY, hit=pl.col("collision"))
     rows = rows.join(other, on=_KEY, how="left", maintain_order="left").with_columns(pl.col("time_lost").fill_nan(0.0))

@@ -17,7 +17,7 @@ OWN = "example_ads"
 
 
 def command_of(text: str, latency: float | None = None) -> list[str]:
-    """Return the command line that `text` means: no shell, `example_ads` is the package's own.
+    """Return the command line of `text`, without a shell; `example_ads` is the package's example.
 
     :param latency: of the objects [s] that `example_ads` has to do with; None: it has odometry.
     :raises InvalidInput: quotes that do not close, or a program that is not there.
@@ -38,7 +38,7 @@ def command_of(text: str, latency: float | None = None) -> list[str]:
 
 
 def files_of(text: str) -> dict[str, str]:
-    """Return the files that a command line names, with their SHA-256: what was examined."""
+    """Return the files that a command line names, with their SHA-256."""
     own = [Path(__file__).parents[1] / "nodes" / name for name in (f"{OWN}.py", "example_driver.py")]
     words = own if text.strip() == OWN else map(Path, shlex.split(text))
     return {word.name: sha256(word) for word in words if word.is_file()}
@@ -46,7 +46,7 @@ def files_of(text: str) -> dict[str, str]:
 
 @contextlib.contextmanager
 def running(command: list[str], log: Path, added: Mapping[str, str] | None = None) -> Iterator[ChildProcess]:
-    """Start the driving system, and stop it with all that it started when the `with` block is left.
+    """Start the driving system; stop it and its children at the end of the `with` block.
 
     :param added: variables of its environment, besides those of this process.
     :raises InvalidInput: the program cannot be started.
@@ -63,7 +63,7 @@ def running(command: list[str], log: Path, added: Mapping[str, str] | None = Non
 
 
 def failure(process: ChildProcess) -> str:
-    """Return how the driving system ended, with the last line that it wrote; nothing while it runs."""
+    """Return how the driving system ended, with its last output line; "" while it runs."""
     if not process.end:
         return ""
     said = process.said()

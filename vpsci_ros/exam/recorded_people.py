@@ -1,4 +1,4 @@
-"""Pedestrians with a motion of their own, put into the episodes of a run: recorded people, or nobody at all.
+"""Pedestrians with given motion in the episodes of a run: recordings, or absent pedestrians.
 
 A recorded person is put where its path crosses the lane of the vehicle: turned (and mirrored, where it came from the
 other side of the vehicle) into the walking direction of the scenario, and in time so that it is there when the
@@ -39,13 +39,13 @@ _SLOWEST = 0.3  # [m/s] while crossing
 def spawns(
     config: WorldConfig, scenarios: Sequence[Scenario], episodes: Sequence[tuple[int, int]], seed: int
 ) -> NDArray[np.void]:
-    """Return the episodes as they begin, EPISODE[n]."""
+    """Return the spawns of the episodes, EPISODE[n]."""
     drivers = dataclasses.replace(config, vehicle_driver="autopilot", pedestrian_driver="autopilot")
     return World(drivers, scenarios, episodes, len(episodes), seed).state.copy()
 
 
 def absent_pedestrians(begins: NDArray[np.void]) -> Motion:
-    """Return the motion of pedestrians who stand a kilometre away, for episodes as they begin, EPISODE[n].
+    """Return the motion of pedestrians that stand a kilometre away, for episodes with these spawns, EPISODE[n].
 
     One frame each: beyond its recording a replayed pedestrian keeps its velocity.
     """
@@ -63,7 +63,7 @@ def recorded_people(
     seed: int,
     where: str = "near misses",
 ) -> Motion:
-    """Return the motion of recorded people in episodes as they begin, EPISODE[n].
+    """Return the motion of recorded pedestrians in episodes with these spawns, EPISODE[n].
 
     The number of an episode and its scenario's place decide who comes, so that an episode has the same person whatever
     others are driven, and consecutive episodes have each person once before any twice.

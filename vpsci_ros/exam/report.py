@@ -1,4 +1,4 @@
-"""An exam's result as one dictionary, the content of report.json: nothing on the page is not in here."""
+"""An exam's result as one dictionary, the content of report.json, which has everything on the page."""
 
 import math
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ _HIDDEN = {False: "in sight", True: "hidden"}
 def make_report(
     table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamConfig, perception: PerceptionConfig | None = None
 ) -> dict[str, Any]:
-    """Return the scores of an exam; `beside` is the ADS less the autopilot on the same episodes.
+    """Return the scores of an exam; `beside` is the ADS minus the autopilot on the same episodes.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
@@ -116,7 +116,7 @@ def _scores(rows: pl.DataFrame) -> dict[str, Any]:
 
 
 def differences(rows: pl.DataFrame, others: pl.DataFrame) -> dict[str, Any]:
-    """Return measure -> what it is of these rows less what it is of the others, on the episodes that both have."""
+    """Return measure -> its value for these rows minus that for the others, on common episodes."""
     out = {}
     for name in DIFFERENCES:
         found, p = difference(rows, others, MEASURES[name])

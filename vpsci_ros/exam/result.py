@@ -21,7 +21,7 @@ from vpsci_ros.world.parked import in_sight, parked_from
 
 @dataclasses.dataclass(frozen=True)
 class Conduct:
-    """How a run of the ADS went, apart from how it drove.
+    """Commands refused, safe stops and failures in a run of the ADS, apart from how it drove.
 
     :ivar wanted: episodes that it was to drive.
     :ivar refused: commands that the world refused: not finite, out of range, or late.
@@ -38,7 +38,7 @@ class Conduct:
 
 
 class FirstCritical(NamedTuple):
-    """Who became critical first in an episode, as CurvTTC first fell below 5 s.
+    """The first critical pedestrian of an episode, and whether parked vehicles hid it.
 
     :ivar hidden: parked vehicles hid the pedestrian.
     :ivar kind: of the pedestrian, one of `KINDS`.
@@ -51,7 +51,7 @@ class FirstCritical(NamedTuple):
 
 
 class RunResult(NamedTuple):
-    """What a driver's run with one pedestrian came to.
+    """The result of a driver's run with one pedestrian.
 
     :ivar episodes: that ended.
     :ivar conduct: how it went, apart from how the driver drove.
@@ -68,7 +68,7 @@ class RunResult(NamedTuple):
 def episodes_of(
     ticks: Iterable[Tick], period: float, scenarios: Sequence[Scenario], source: str
 ) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of ticks in the order of their keys, and who became critical first in each that did.
+    """Return the episodes of ticks, sorted by key, and the first critical pedestrian of each critical episode.
 
     :param period: of a tick [s].
     """

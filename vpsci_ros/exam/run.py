@@ -1,4 +1,4 @@
-"""The exam of a driving system: conducted, scored and reported.
+"""The exam of a driving system: running, scoring and reporting it.
 
 In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (its record, and its
 episodes in frames.parquet), logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html,
@@ -47,7 +47,7 @@ def run_exam(
     against: Path | None = None,
     quiet: bool = False,
 ) -> list[str]:
-    """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
+    """Run the exam, write and print its report, and return the reasons for failing; empty if it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
     :param workers: runs side by side.
@@ -107,12 +107,12 @@ def _episodes_of(runs: Mapping[str, RunResult]) -> Driven:
 
 
 def is_exam(path: Path) -> bool:
-    """Say whether a path is the folder of an exam."""
+    """Return whether a path is the folder of an exam."""
     return (path / EXAM).is_file()
 
 
 def read_exam(folder: Path, limit: int) -> list[Source]:
-    """Return the episodes of an exam that is over, see `exam_sources`.
+    """Return the episodes of a finished exam, see `exam_sources`.
 
     :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
     """

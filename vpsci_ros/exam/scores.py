@@ -1,4 +1,4 @@
-"""What an exam measures: each measure with its definition, unit and estimator, in one table."""
+"""The measures of an exam, each with its definition, unit and estimator, in one table."""
 
 import math
 from dataclasses import dataclass, field

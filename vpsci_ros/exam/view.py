@@ -1,4 +1,4 @@
-"""An exam's episodes for the page in which they play: the driving system, and beside it the autopilot."""
+"""An exam's episodes for the page that plays them: the driving system beside the autopilot."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -65,7 +65,7 @@ def _marked(each: Shown, row: dict[str, Any]) -> Shown:
 
 
 class FailureGroup(NamedTuple):
-    """What failures have in common; as text it is what the page shows.
+    """The common properties of a group of failures; its text is shown on the page.
 
     :ivar kind: of the pedestrian; `hidden`: behind parked vehicles as it became critical.
     :ivar contact: "moving vehicle", "standing vehicle", "parked vehicle", or "none".
@@ -97,7 +97,7 @@ def failure_group(row: Mapping[str, Any], episode: Episode) -> FailureGroup:
 
 
 def came_first(episode: Episode) -> str:
-    """Return who came first where they touch, see `FailureGroup`."""
+    """Return which agent reached the contact point first, see `FailureGroup`."""
     if episode.outcome != "collision":
         return ""
     seen = episode.filled().pair(episode.most_critical)

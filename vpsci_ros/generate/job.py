@@ -1,4 +1,4 @@
-"""The job of a dataset: everything that its bytes depend on, and nothing else."""
+"""The job of a dataset: exactly the values that its bytes depend on."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,7 @@ RECORDED = {
 
 
 class Unit(NamedTuple):
-    """A piece of work: episodes of one scenario, by their numbers in rising order."""
+    """A unit of work: episodes of one scenario, with increasing numbers."""
 
     scenario: int
     numbers: Sequence[int]

@@ -51,11 +51,11 @@ class ScenarioPlan:
 
     @property
     def complete(self) -> bool:
-        """Whether the computed units, without a gap from the first one, have the wanted kept episodes."""
+        """Whether the computed units, without a gap from the first one, have enough kept episodes."""
         return self.units_needed() is not None
 
     def units_needed(self) -> int | None:
-        """Return the number of units, from the first one, that have the wanted kept episodes; None before."""
+        """Return the number of units, from the first one, with enough kept episodes; None if there are too few yet."""
         kept = 0
         for place in range(len(self._kept)):
             if place not in self._kept:
@@ -100,7 +100,7 @@ class DatasetPlan:
         return all(scenario.complete for scenario in self.scenarios.values())
 
     def next(self) -> Unit | None:
-        """Return the next unit, of the scenario furthest behind; None while the units under way may suffice.
+        """Return the next unit of the scenario with the least progress; None if the running units may suffice.
 
         :raises VpsciError: a scenario keeps next to nothing.
         """

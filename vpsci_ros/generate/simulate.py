@@ -62,7 +62,7 @@ class Simulator:
 
 
 def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
-    """Return episodes with their `range`: whether they become critical within the ranges of recorded people.
+    """Return episodes with their `range`: whether they become critical within the recorded range.
 
     :param block: whose rows are all there.
     :param reaches: float64[4, 5] of each agent that acts by a bank, see `vpsci_ros.policy.onset_range`.

@@ -1,4 +1,4 @@
-"""Transitions that came by `/replay` become histories: rows from the first hand-over to the end of the episode."""
+"""Assembly of transitions from `/replay` into histories, from the first hand-over to the episode's end."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ class HistoryAssembler:
         self.lost, self.dropped, self.refused = 0, 0, 0
 
     def add(self, transitions: NDArray[np.void]) -> list[NDArray[np.void]]:
-        """Take rows in, TRANSITION[n] in the order of their numbers; return the histories completed, TRANSITION[T]."""
+        """Add rows TRANSITION[n] in the order of their numbers; return the completed histories, TRANSITION[T]."""
         finished = []
         for row, good in zip(transitions, usable(transitions), strict=True):
             number = int(row["number"])

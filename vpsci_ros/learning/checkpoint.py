@@ -1,4 +1,4 @@
-"""Checkpoints: everything that a run needs to go on to the same result, in one safetensors file written whole.
+"""Checkpoints: the state from which a run resumes with the same result, in one safetensors file.
 
 A checkpoint is a tree of dictionaries, lists, tensors, arrays, numbers and text. Arrays become tensors of the file,
 named by their path in the tree; all else is JSON in its metadata.

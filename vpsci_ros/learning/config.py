@@ -42,7 +42,7 @@ class LearnerConfig:
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """What is drawn from the replay buffer."""
+    """Sampling of the replay buffer."""
 
     batch_size: int = parameter(256, "steps of experience in one update", low=1, high=65536)
 

@@ -1,4 +1,4 @@
-"""What is learned stays finite: a loss or a weight of rewards that is not a number stops the run."""
+"""A check that losses and reward weights are finite; otherwise the run stops."""
 
 import math
 from collections.abc import Mapping
@@ -7,11 +7,11 @@ from vpsci_ros.errors import VpsciError
 
 
 class DivergedError(VpsciError):
-    """A loss, or what is made of losses, is no longer a number."""
+    """A loss, or a value computed from losses, is not finite."""
 
 
 def require_finite(values: Mapping[str, float], where: str) -> None:
-    """Let finite values pass.
+    """Raise `DivergedError` unless all values are finite.
 
     :param values: by name, as the message has them; where: such as "update 7".
     :raises DivergedError: one is not finite; no weights are written.

@@ -42,7 +42,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """What came of an update.
+    """The losses and norms of an update.
 
     :ivar critic_loss: by agent.
     :ivar actor_loss, gradient_norm: of the policy gradient, by agent; empty if the actors did not follow it.
@@ -88,7 +88,7 @@ class Maddpg:
         self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), config.actor_learning_rate)
 
     def act(self, batch: Batch, gradient: bool = True) -> Tensors:
-        """Return mu(H(t)), float32[M, T, 2], of both agents; of recorded steps the last one's action at every t."""
+        """Return mu(H(t)), float32[M, T, 2], of both agents; for recorded steps the last step's action at every t."""
         actions = {}
         with torch.set_grad_enabled(gradient):
             for agent in AGENTS:
@@ -98,7 +98,7 @@ class Maddpg:
         return actions
 
     def update(self, batch: Batch, scored: Scored, actions: Tensors | None, rng: np.random.Generator) -> UpdateResult:
-        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow.
+        """Update the critics and, given `actions` of `act`, the actors once; then update the targets.
 
         Errors and losses are those of the first critics, whose values the actors follow.
         """

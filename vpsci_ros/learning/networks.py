@@ -38,7 +38,7 @@ class Critic(nn.Module):
 
     @torch.no_grad()
     def scale_values(self, factor: float) -> None:
-        """Make Q so many times what it is, for every history and action."""
+        """Multiply Q by a factor, for every history and action."""
         last = self.head[-1]
         assert isinstance(last, nn.Linear)
         last.weight.mul_(factor)
@@ -120,7 +120,7 @@ class Networks(nn.Module):
             self.speed_deviation[agent] = deviation.clamp(min=least_speed_deviation)
 
     def scale_values(self, factor: float) -> None:
-        """Make the values of all critics, the targets among them, so many times what they are."""
+        """Multiply the values of all critics, including the targets, by a factor."""
         for critics in self.every_critic():
             for agent in AGENTS:
                 critics[agent].scale_values(factor)

@@ -1,4 +1,4 @@
-"""What the actors follow while the critics learn by temporal difference: one object a name, for both stages.
+"""Training objectives of the actors by name, for both stages; critics learn by temporal difference.
 
 `ddpg` is the paper's. Other distributions add theirs (docs/extending.md).
 """
@@ -19,7 +19,7 @@ from vpsci_ros.runs.plugins import PluginGroup
 
 
 class Training(NamedTuple):
-    """What an objective learns with.
+    """The networks, critics and data of a training, for an objective.
 
     :ivar maddpg: networks, critics and their optimisers.
     :ivar rewards: which actions of a batch are scored, and by what.
@@ -31,18 +31,18 @@ class Training(NamedTuple):
     real: Interactions
 
     def update_critics(self, batch: Batch, rng: np.random.Generator) -> UpdateResult:
-        """Update critics and targets once, by what the actors would do now; the actors are left as they are."""
+        """Update critics and targets once with the actors' present actions; the actors do not change."""
         actions = self.maddpg.act(batch, gradient=False)
         scored = self.rewards.score(batch, actions, rng)
         return replace(self.maddpg.update(batch, scored, None, rng), actions=actions)
 
 
 class StageObjective(Protocol):
-    """An objective at work in one stage."""
+    """Interface of an objective in one stage."""
 
     @property
     def optimisers(self) -> Sequence[Optimizer]:
-        """Those beside the ones of `Training.maddpg`, for checkpoints."""
+        """The objective's own optimisers, for checkpoints."""
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """Update critics, actors and targets once; `iteration` counts from 0."""
@@ -51,7 +51,7 @@ class StageObjective(Protocol):
 
 @dataclass(frozen=True)
 class Objective:
-    """What the actors follow, in stage 1 and in stage 2.
+    """An objective of the actors: its classes for stage 1 and stage 2.
 
     :ivar pretrain: makes what updates the networks in stage 1.
     :ivar refine: makes what updates the networks in stage 2.

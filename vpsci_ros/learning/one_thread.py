@@ -1,4 +1,4 @@
-"""One thread of torch for all that learns, so that a machine with more cores learns the same policy.
+"""One thread of torch for training, so that the result does not depend on the number of cores.
 
 Threads that share a sum add it in another order. Its last bits differ then, and after some hundred updates so does the
 policy. Networks as small as these gain nothing from a second thread either: they wait for it at every product.
@@ -12,7 +12,7 @@ import torch
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Have torch compute in one thread in here, or in a function that this decorates, and then in as many as before."""
+    """Context manager and decorator: torch computes in one thread inside, afterwards as before."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -1,4 +1,4 @@
-"""Stage 2: the pre-trained policies learn on from what happens to them in simulation (section 3.2).
+"""Stage 2: the pre-trained policies are trained further in simulation (section 3.2).
 
 The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
 (25)-(28), see `rewards`. What the actors follow is `objective`, see `objectives`.
@@ -43,7 +43,7 @@ WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
 
 
 def value_factor(stage_1: dict[str, Any], now: RefineConfig, speed_weight: float) -> float:
-    """Return what the values of stage 1 have to be multiplied by, so that they mean the same return in stage 2.
+    """Return the factor on the values of stage 1 with which they predict the return of stage 2.
 
     Stage 1 knows the speed reward alone, with weight 1; in stage 2 it enters R of (27) by w_3, `speed_weight`.
 
@@ -55,7 +55,7 @@ def value_factor(stage_1: dict[str, Any], now: RefineConfig, speed_weight: float
 
 @dataclass
 class Progress:
-    """How far stage 2 is; what a checkpoint keeps beside networks, optimisers and experience.
+    """The progress of stage 2, stored in checkpoints with networks, optimisers and experience.
 
     :ivar updates, episodes, received: updates made, episodes and transitions taken in so far.
     :ivar owed: updates that are due for the episodes so far.
@@ -134,7 +134,7 @@ class Refiner:
         self._acting = self._actors()
 
     def add(self, transitions: NDArray[np.void]) -> None:
-        """Take transitions in that came by `/replay`, TRANSITION[n], in the order of their numbers.
+        """Add transitions from `/replay`, TRANSITION[n], in the order of their numbers.
 
         Those that are not `transitions.usable` are refused and counted, and the rest of their history is dropped.
         """
@@ -142,7 +142,7 @@ class Refiner:
 
     @one_thread()
     def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
-        """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
+        """Add complete histories, TRANSITION[T] each, and count the new transitions that completed them."""
         progress = self.progress
         progress.received += transitions
         progress.owed += self._config.updates_per_episode * len(finished)
@@ -162,12 +162,12 @@ class Refiner:
 
     @property
     def due(self) -> bool:
-        """Whether an episode is owed an update (Algorithm 1), and there is a batch to learn from."""
+        """Whether an update is due for an episode (Algorithm 1) and a batch is available."""
         return self.progress.received >= self._config.replay.batch_size and self.progress.owed > 0
 
     @property
     def finished(self) -> bool:
-        """Whether the policy gradient's norm has stayed below the tolerance for so many episodes (section 4.1).
+        """Whether the norm of the policy gradient has stayed below the tolerance long enough (section 4.1).
 
         An episode counts if there was an update since the last one that did.
         """
@@ -220,13 +220,13 @@ class Refiner:
         return dict(zip(names, self.reward_weights.values.ravel().tolist(), strict=True))
 
     def current(self) -> Weights:
-        """Return the actors that act, as of the last refresh, and the critics as they are."""
+        """Return the acting actors (of the last refresh) and the present critics."""
         weights = self._described()
         return Weights(weights.network, weights.tensors | self._acting, weights.configuration, weights.facts)
 
     @one_thread()
     def final(self) -> Weights:
-        """Return all networks as they are, measured again where updates came after the last refresh.
+        """Return all present networks, measured again if there were updates after the last refresh.
 
         :raises VpsciError: what was learned is not finite.
         """
@@ -264,7 +264,7 @@ class Refiner:
         return weights
 
     def save_checkpoint(self, path: str | Path, extra: dict[str, Any] | None = None) -> None:
-        """Write all that `restore` needs to go on to the same result, and `extra` with it."""
+        """Write a checkpoint from which `restore` resumes with the same result, with `extra` in it."""
         state = {
             **self._identity(),
             "networks": dict(self._networks.state_dict()),
@@ -279,7 +279,7 @@ class Refiner:
         save_checkpoint(path, state | {"extra": extra or {}})
 
     def restore(self, path: str | Path) -> dict[str, Any]:
-        """Go on from a checkpoint of a learner of the same configuration, weights, data and seed; return its `extra`.
+        """Resume from a checkpoint of the same configuration, weights, data and seed; return its `extra`.
 
         :raises InvalidInput: not such a checkpoint.
         """

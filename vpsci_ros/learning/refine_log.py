@@ -1,4 +1,4 @@
-"""The logs of stage 2 where transitions come from outside, as in the graph: written while it learns, always whole."""
+"""The logs of stage 2 in the graph, written during the training, whole or not at all."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ class RefineLog:
         self._rows: list[dict[str, float]] = []
 
     def note(self, last: bool = False) -> None:
-        """Write the logs if it is time to, or if this is the `last` time; without an episode there is nothing."""
+        """Write the logs if they are due or this is the `last` call; without an episode write nothing."""
         summary = self._refiner.summary()
         known = self._rows[-1] if self._rows else {"episodes": 0.0, "updates": 0.0}
         more = self._refiner.progress.episodes - known["episodes"]

@@ -25,7 +25,7 @@ Floats = NDArray[np.float32]
 
 @dataclass
 class History:
-    """T steps of both agents, by agent where the two differ: an episode from the first hand-over on, or a recording.
+    """T steps of both agents: an episode from the first hand-over on, or a recording.
 
     `observation` and `curvttc` include what followed the last action. `next_velocity` are the next speeds that rewards
     (14)-(15) compare with: recorded ones in real experience, the frozen stage-1 actor's in simulated.
@@ -46,7 +46,7 @@ class History:
 
     @property
     def steps(self) -> int:
-        """At how many steps the policies acted."""
+        """Number of steps at which the policies acted."""
         return int(np.count_nonzero(self.acting))
 
     def learnable(self, discount: float) -> "History":
@@ -96,7 +96,7 @@ class Batch:
 
     @property
     def step(self) -> Tensor | None:
-        """The one step of each row that is learned from, int64[M], where steps are recorded; None: all of a history."""
+        """The step of each row that is trained on, int64[M], for recorded steps; None: all steps of a history."""
         return None if self.scene is None else self.length - 1
 
 
@@ -160,14 +160,14 @@ def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArr
 
 
 def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generator) -> Batch:
-    """Return so many recorded steps, drawn evenly and independently from all at which both agents acted."""
+    """Return recorded steps, drawn uniformly and independently from all steps with actions of both agents."""
     row, at = np.nonzero(interactions.acted)
     picked = rng.integers(len(row), size=steps)
     return recorded_steps(interactions, row[picked], at[picked])
 
 
 def recorded_histories(interactions: Interactions) -> list[History]:
-    """Return the real experience that interactions hold: the last recorded step is what followed the last action."""
+    """Return recorded interactions as histories; the last recorded step follows the last action."""
     histories = []
     for i, length in enumerate(interactions.length):
         steps = int(length) - 1
@@ -187,7 +187,7 @@ def recorded_histories(interactions: Interactions) -> list[History]:
 
 
 def up_to_capacity(histories: list[History], capacity: int, rng: np.random.Generator) -> list[int]:
-    """Return the indices of as many histories, in random order, as `capacity` steps hold; at least one."""
+    """Return the indices of random histories with at most `capacity` steps in total; at least one."""
     order = rng.permutation(len(histories))
     filled = np.cumsum([histories[i].steps for i in order])
     return [int(i) for i in order[: max(1, int(np.searchsorted(filled, capacity, side="right")))]]
@@ -224,12 +224,12 @@ class ReplayBuffer:
             self.steps -= self.histories.pop(oldest).steps
 
     def restore(self, histories: list[History], highest: float) -> None:
-        """Hold `histories`, with their priorities, instead."""
+        """Replace the content by `histories`, with their priorities."""
         self.histories, self.highest = histories, highest
         self.steps = sum(history.steps for history in histories)
 
     def draw(self, steps: int, rng: np.random.Generator) -> list[History]:
-        """Draw distinct histories by (17) until they hold `steps` steps, in four times as many tries at most.
+        """Draw distinct histories by (17) until they have `steps` steps; the number of tries is limited.
 
         Fewer come out where few histories hold nearly all of the weight.
         """

@@ -57,7 +57,7 @@ class RewardWeights:
         self.values: NDArray[np.float64] = np.tile(own / own.sum(), (len(AGENTS), 1))
 
     def episode(self, means: NDArray[np.float64]) -> None:
-        """Take the mean rewards of an episode into account, float64[2, 3], (collision, goal, speed) of each agent."""
+        """Update the weights by the mean rewards of an episode, float64[2, 3], (collision, goal, speed) by agent."""
         if not self.adaptive:
             return
         exponent = self._temperature * np.abs(means)
@@ -82,12 +82,12 @@ class SpeedReward:
 
 
 class Rewards(Protocol):
-    """What a stage scores in a batch, and by what."""
+    """Interface of the rewards of a stage."""
 
     speed: SpeedReward
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """Return actions and their rewards, given what the actors would do, `actions` [M, T, 2] [m/s2] by agent."""
+        """Return the evaluated actions and their rewards, given the actors' `actions` [M, T, 2] [m/s2] by agent."""
         ...
 
 
@@ -98,7 +98,7 @@ class RecordedRewards:
         self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """See `Rewards.score`: the explored action of each recorded step, and what it leads to by the kinematics."""
+        """See `Rewards.score`: the explored action of each recorded step, and the next state by the kinematics."""
         scored = {agent: explored(actions[agent], self._exploration, rng) for agent in AGENTS}
         rewards = {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS}
         return Scored(scored, rewards, _followed(batch, scored))
@@ -193,6 +193,6 @@ class SimulatedRewards:
 
 
 def explored(actions: Tensor, deviation: float, rng: np.random.Generator) -> Tensor:
-    """Return `actions` with normal noise of this deviation [m/s2], without their gradient."""
+    """Return `actions` plus normal noise of this standard deviation [m/s2], without gradient."""
     noise = rng.normal(0.0, deviation, tuple(actions.shape)).astype(np.float32)
     return actions.detach() + torch.from_numpy(noise)

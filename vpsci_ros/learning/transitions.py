@@ -58,11 +58,11 @@ class TransitionBuilder:
         self._histories = Histories(slots)
 
     def clear(self) -> None:
-        """Forget what was begun: other episodes begin. Numbers go on."""
+        """Forget unfinished transitions, since other episodes begin; numbering continues."""
         self._resize(len(self._open))
 
     def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> Completed:
-        """Take one tick in and return what it completes.
+        """Process one tick and return the transitions that it completes.
 
         :param step: whose actions are the policies'.
         :param vehicle_version, pedestrian_version: of the weights by which they acted.

@@ -62,7 +62,7 @@ class AgentPolicy(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether it may answer yet."""
+        """State of the node: whether it has weights and can answer."""
         return "running" if self._actions else "waiting"
 
     def figures(self) -> dict[str, Any]:
@@ -146,14 +146,14 @@ class AgentPolicy(GraphNode):
 
 
 class VehiclePolicy(AgentPolicy):
-    """The vehicle's."""
+    """The node of the vehicle's policy."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__("vehicle", **given)
 
 
 class PedestrianPolicy(AgentPolicy):
-    """The pedestrian's."""
+    """The node of the pedestrian's policy."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__("pedestrian", **given)

@@ -1,4 +1,4 @@
-"""The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
+"""The base class of all nodes: parameters from configuration classes, topics from the table, one main."""
 
 import sys
 import time
@@ -102,7 +102,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Those that an executor takes messages of: all but the polled ones."""
+        """The subscriptions that an executor serves: all but the polled ones."""
         return (each for each in super().subscriptions if each not in self.intake.polled)
 
     def config(self, kind: type[T]) -> T:
@@ -131,7 +131,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return self.create_client(SERVICES[name].type, name.removeprefix("/"))
 
     def ready(self, topic: str, answer: str, by: str = "") -> None:
-        """Log that the node answers messages on one topic with messages on another one.
+        """Log that the node is ready to answer messages of one topic with messages on another.
 
         :param by: what the answers depend on.
         """
@@ -140,7 +140,7 @@ class GraphNode(Node, metaclass=_Destroying):
         )
 
     def acts(self, tick: int) -> None:
-        """Take note of a tick that the node answers, and log the first one of each world."""
+        """Record a tick that the node answers, and log the first one of each world."""
         if self._acted_at is None or tick < self._acted_at:
             self.get_logger().info(f"answers from tick {tick} on")
         self._acted_at = tick
@@ -155,7 +155,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return Time(sec=self.simulated_at // 1_000_000_000, nanosec=self.simulated_at % 1_000_000_000)
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        """Call back each `period` [s] of wall time, whatever `use_sim_time` says: simulated time stands still at first.
+        """Create a timer of `period` [s] on the wall clock, independent of `use_sim_time`.
 
         Every timer of a node of the graph is one of these.
         """

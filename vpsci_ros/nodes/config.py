@@ -1,4 +1,4 @@
-"""Parameters that only nodes have, and which configuration classes each node is made of."""
+"""Parameters that only nodes have, and the configuration classes of each node."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -95,7 +95,7 @@ LEARNER: dict[str, tuple[type, ...]] = {
 
 
 def section_classes(section: str, values: Mapping[str, Any]) -> tuple[type, ...]:
-    """Return what a section may hold; that of the learner depends on the `stage` among its values.
+    """Return the configuration classes of a section; those of the learner depend on its `stage`.
 
     :raises InvalidInput: there is no such stage.
     """

@@ -1,4 +1,4 @@
-"""Arrays to messages of ROS; what a message holds, and how it is read, is in `vpsci_ros.wire.layout`.
+"""Conversion of arrays to ROS messages; `vpsci_ros.wire.layout` defines their content.
 
 Numeric sequences of a message are `array.array`s, which skip the element-wise checks of the message setters.
 """
@@ -36,7 +36,7 @@ _POINT_FIELDS = [
 
 
 def sequence(values: Array) -> array[Any]:
-    """Return the values of an array, flattened in row-major order, as a message field takes them."""
+    """Return the values of an array in the type of a message field, flattened in row-major order."""
     return array(_CODES[values.dtype.char], values.tobytes())
 
 
@@ -80,7 +80,7 @@ def objects_message(objects: Array, at: Time) -> PointCloud2:
 
 
 def fixed_transforms(prefix: str = "") -> TFMessage:
-    """Return what never moves against the vehicle: its rear axle, which other tools take for its place."""
+    """Return the static transforms of the vehicle: the rear axle, which other tools use as its origin."""
     header = Header(frame_id=f"{prefix}vehicle/base_link")
     axle = TransformStamped(header=header, child_frame_id=f"{prefix}vehicle/rear_axle")
     axle.transform.translation.x = -0.5 * WHEELBASE

@@ -1,4 +1,4 @@
-"""What the middleware reads from the environment: the domain, discovery, security, and the settings of Fast DDS."""
+"""Environment of the middleware: the domain, discovery, security, and the settings of Fast DDS."""
 
 import contextlib
 import errno
@@ -24,7 +24,7 @@ _EXAM = "//exam"  # in the place of a namespace, which none can be
 
 
 def set_defaults() -> None:
-    """Have discovery stay on this host, and Fast DDS send heartbeats often (`params/middleware.xml`), unless set.
+    """Limit discovery to this host and set `params/middleware.xml` for Fast DDS, unless the environment sets them.
 
     Without that file it sends them every 3 s, and a node that ends waits so long for the recorder's acknowledgement.
     """
@@ -33,7 +33,7 @@ def set_defaults() -> None:
 
 
 def require_security() -> None:
-    """Refuse to start where DDS security is requested and would not be applied; nothing where it is not requested.
+    """Refuse to start if DDS security is requested but would not be applied.
 
     By default a process that finds no keys runs unprotected, with a warning. Whether there are keys, and a middleware
     that was built with security, is found by making a node.
@@ -64,7 +64,7 @@ def require_security() -> None:
 
 @contextlib.contextmanager
 def own_domain() -> Iterator[None]:
-    """Run in a ROS domain that no other graph on this machine uses, and not in that of the environment.
+    """Reserve a ROS domain that no other graph on this machine uses, instead of the environment's.
 
     A socket and a port reserve it until the block is left or the process ends, however it does. The search begins at a
     random number, since nodes of a graph that was killed may still publish in the domain that was given up last.
@@ -103,7 +103,7 @@ def _reserved(domain: int, kept: contextlib.ExitStack) -> bool:
 
 @contextlib.contextmanager
 def only_graph(namespace: str) -> Iterator[None]:
-    """Be the only graph of this machine in the environment's domain and this namespace, and keep others' domains apart.
+    """Reserve the environment's domain and this namespace for one graph of this machine.
 
     :raises InvalidInput: another one runs there, `own_domain` of another process has reserved the domain, or
         ROS_DOMAIN_ID is no number of a domain.

@@ -1,4 +1,4 @@
-"""A driving system to copy, as a node: reads odometry, has `example_driver` choose an acceleration, and publishes it.
+"""An example of a driving system as a node: it reads odometry and publishes `example_driver`'s acceleration.
 
 It is written as a program of your own would be, with rclpy and public message types alone; docs/ads.md goes through
 it, and shows a C++ user the topics. `vpsci ads-test --ads "python my_ads.py"` puts yours to the exam.
@@ -44,22 +44,22 @@ class ExampleAds(Node):
             self.create_subscription(Odometry, "pedestrian/odometry", self.on_pedestrian, 10)
 
     def on_vehicle(self, message: Odometry) -> None:
-        """Take in where the vehicle is."""
+        """Store the vehicle's odometry."""
         self.vehicle = message
         self.answer()
 
     def on_pedestrian(self, message: Odometry) -> None:
-        """Take in where the pedestrian is."""
+        """Store the pedestrian's odometry."""
         self.pedestrian = message
         self.answer()
 
     def on_objects(self, message: PointCloud2) -> None:
-        """Take in the pedestrians that are seen."""
+        """Store the perceived pedestrians."""
         self.seen = message
         self.answer()
 
     def answer(self) -> None:
-        """Answer once vehicle and pedestrians are in for the same tick, under its stamp."""
+        """Publish the command when vehicle and pedestrians of the same tick have arrived, with its stamp."""
         if self.vehicle and self.pedestrian and self.vehicle.header.stamp == self.pedestrian.header.stamp:
             self.command_for(self.vehicle, [mover(self.pedestrian)])
         elif self.vehicle and self.seen and seconds(self.vehicle) - seconds(self.seen) < self.latency + 0.001:
@@ -67,14 +67,14 @@ class ExampleAds(Node):
             self.vehicle = None  # one answer a tick
 
     def command_for(self, vehicle: Odometry, pedestrians: list[Mover]) -> None:
-        """Publish what to do."""
+        """Publish the command for these states."""
         message = AccelStamped(header=vehicle.header)
         message.accel.linear.x = self.driver.acceleration(mover(vehicle), pedestrians)
         self.command.publish(message)  # linear.y, to the left, would be added to the world's lane keeping
 
 
 def mover(odometry: Odometry) -> Mover:
-    """Return where and how fast somebody is, with the yaw of the quaternion (REP 103)."""
+    """Return position, yaw (of the quaternion, REP 103) and velocity of a road user."""
     at, turned, twist = odometry.pose.pose.position, odometry.pose.pose.orientation, odometry.twist.twist
     return Mover(at.x, at.y, 2.0 * math.atan2(turned.z, turned.w), twist.linear.x, twist.angular.z)
 

@@ -1,4 +1,4 @@
-"""How the example drives, without ROS: it keeps a speed, and brakes when it would meet a pedestrian on its path.
+"""The example's driver, without ROS: it keeps a speed, and brakes if it would come near a pedestrian.
 
 `vpsci ads-test --ads-class vpsci_ros.nodes.example_driver:ExampleDriver` examines it as it stands here; `example_ads`
 is the same as a program that speaks ROS 2. It needs nothing but Python, so that both files can be copied.
@@ -35,14 +35,14 @@ class ExampleDriver:
     margin: float = 0.7  # [m] to keep free around the vehicle
 
     def reset(self, begin: Any) -> None:
-        """Begin an episode: this driver remembers nothing of the last one."""
+        """Begin an episode; this driver has no memory."""
 
     def act(self, observation: Any) -> float:
         """Return the acceleration along the car [m/s2]; the world keeps it in its lane."""
         return self.acceleration(observation.vehicle, observation.pedestrians)
 
     def acceleration(self, vehicle: Mover, pedestrians: Iterable[Mover]) -> float:
-        """Return what to do with the speed [m/s2]: brake for a contact within the horizon, else go on cruising."""
+        """Return the acceleration [m/s2]: braking if a contact is predicted within the horizon, else cruising."""
         ahead = max(vehicle.speed, 1.0)  # standing, it looks whether it could set off
         time = min((self.time_to_contact(vehicle, each, ahead) for each in pedestrians), default=math.inf)
         if time < self.horizon:
@@ -52,7 +52,7 @@ class ExampleDriver:
         return max(-self.comfort_acceleration, min(self.comfort_acceleration, wanted))
 
     def time_to_contact(self, vehicle: Mover, pedestrian: Mover, speed: float) -> float:
-        """Return when they come within the margin [s], the vehicle at `speed` and its yaw rate, both going on so."""
+        """Return the time [s] until both come within the margin, at constant speed, yaw rate and velocity."""
         x, y, heading, _, turning = vehicle
         px, py, direction, walking, _ = pedestrian
         time, step = 0.0, 0.1  # [s]

@@ -1,4 +1,4 @@
-"""Why a run of a graph is no success: every reason that there is, as a sentence, from what its nodes report.
+"""The reasons for which a run of a graph fails, as sentences, from the nodes' reports.
 
 While it runs: `ended`, `stands_still`, `hangs`, and of an exam `Silence`, `flood`, `never_came`, `second_publishers`.
 At its end: `incomplete`. An empty answer is none.
@@ -28,7 +28,7 @@ LEAST_FLOOD = 2000  # commands; fewer are no flood, however few the ticks
 
 @dataclass(frozen=True)
 class RecordedCounts:
-    """Messages of a bag by topic: those that came to the recorder, were refused by it, written, and are in the bag."""
+    """Numbers of messages by topic: received, refused and written by the recorder, and found in the bag."""
 
     seen: Mapping[str, int] = field(default_factory=dict)
     refused: Mapping[str, int] = field(default_factory=dict)
@@ -37,18 +37,18 @@ class RecordedCounts:
 
 
 def ended(node: str, process: ChildProcess) -> str:
-    """Say how a node's process ended, with the last error in its log."""
+    """Return a sentence about the end of a node's process, with the last error in its log."""
     said = process.said("error")
     return f"{node} {process.end}" + (f": {said}" if said else "") + f" (log: {process.log})"
 
 
 def waiting(statuses: Mapping[str, NodeStatus]) -> str:
-    """Say which nodes wait, and for what."""
+    """Return a sentence with the waiting nodes and what they wait for."""
     return "; ".join(f"{node} waits for {', '.join(each.awaited)}" for node, each in statuses.items() if each.awaited)
 
 
 def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mapping[str, NodeStatus]) -> str:
-    """Say that nothing has happened for too long, and what is missing.
+    """Return a sentence about missing progress, with its reasons.
 
     :param idle: for how long no node has reported any progress [s].
     :param logs: folder of the nodes' logs.
@@ -60,7 +60,7 @@ def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mappin
 
 
 def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: object) -> str:
-    """Say which node of the graph lacks most answers, where a run cannot end well any more."""
+    """Return a sentence about the node that lacks most answers, if the run cannot finish any more."""
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
     counted = [(world.faults(sender)["missing"], node) for node, sender in RESPONDENTS.items() if node in nodes]
     missing, node = max(counted, default=(0, ""))
@@ -70,7 +70,7 @@ def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: obje
 
 
 class Silence:
-    """Whether a driving system has fallen silent, from the world's counts seen now and then.
+    """Detects from the world's counts that a driving system has stopped publishing.
 
     It has when it left `limit` ticks unanswered while it answered fewer than that.
     """
@@ -98,7 +98,7 @@ class Silence:
 
 
 def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
-    """Say that a driving system floods the world.
+    """Return a sentence about a driving system that floods the world with commands.
 
     :param limit: surplus commands a tick that are no flood yet.
     :param late: the first tick should have come by now.
@@ -115,7 +115,7 @@ def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
 
 
 def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Collection[str] = ()) -> str:
-    """Say that a driving system has not published any command for the first tick within `patience` [s].
+    """Return a sentence about a driving system without any command within `patience` [s].
 
     :param awaited: what the world waits for; where nodes are among it, it is not up to the driving system.
     """
@@ -129,7 +129,7 @@ def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Colle
 
 
 def second_publishers(statuses: Mapping[str, NodeStatus]) -> list[str]:
-    """Return who published beside the graph's nodes where none may, as "/NODE on /TOPIC"."""
+    """Return unexpected publishers on the graph's topics, as "/NODE on /TOPIC"."""
     second = {each for status in statuses.values() for each in status.second_publishers}
     return sorted(each for each in second if each.partition(" on ")[2] not in OPEN_TO_ALL)
 
@@ -141,7 +141,7 @@ def incomplete(
     recorded: RecordedCounts | None,
     killed: Collection[str] = (),
 ) -> list[str]:
-    """Say what a run lacks that ended without an error, one clause each; nothing where it is complete.
+    """Return what a run without an error lacks, one clause each; empty if it is complete.
 
     :param requested: episodes; 0 where no world runs.
     :param nodes: of the graph.

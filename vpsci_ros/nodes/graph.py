@@ -1,4 +1,4 @@
-"""A whole graph as processes: started together, watched, and stopped cleanly, however it ends.
+"""A graph of nodes as processes, which are started, watched and stopped together.
 
 The graph has one leading node, whose end is the end of the run: the world simulator, or, in stage 1, the learner.
 Any other process that ends on its own ends the run with an error that names it. The recorder is stopped last.
@@ -47,7 +47,7 @@ WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.saf
 
 @dataclass
 class GraphResult:
-    """How a run of a graph ended.
+    """The result of a run of a graph.
 
     :ivar error: why it is no success; empty when it ran to its end and is complete.
     :ivar nodes: the last report of each node.
@@ -168,7 +168,7 @@ def _run_to_the_end(
 
 
 def resolve(sections: Sections, folder: Path) -> Sections:
-    """Return every parameter of every node of the graph, defaults filled in, paths under `folder`, peers set.
+    """Return all parameters of all nodes of the graph, with defaults, paths in `folder`, and peers.
 
     :raises InvalidInput: a value is refused, two of them do not go together, or the list of nodes makes no graph.
     """
@@ -192,7 +192,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
 
 
 class NodeProcesses:
-    """The graph's processes by node, `composed` one for all; all are gone when the `with` block is left."""
+    """The graph's processes by node (one for all if `composed`); the `with` block stops them at its end."""
 
     def __init__(
         self, nodes: list[str], parameters: Path, logs: Path, namespace: str = "", *, composed: bool = False
@@ -252,7 +252,7 @@ class NodeProcesses:
                 return {node: pipe.latest for node, pipe in self._pipes.items() if pipe.latest}
 
     def hindered(self) -> float:
-        """Return for how many of the seconds since the last call a process could not go on: the longest one of any.
+        """Return the longest time [s] since the last call in which a process could not run.
 
         It waited for a core; or, before the first report of each of its nodes, it imported and compiled. A process that
         stands still uses no core, and a node that reports and then computes for ever does not go on.
@@ -274,7 +274,7 @@ class NodeProcesses:
         return self.ended()
 
     def explain(self, node: str) -> str:
-        """Say how a process ended."""
+        """Return a sentence about the end of a process."""
         return failures.ended(node, self.running[node])
 
 

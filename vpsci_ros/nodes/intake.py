@@ -1,4 +1,4 @@
-"""What a node takes in: its subscriptions, the messages that it refuses, and the nodes that publish to it."""
+"""The input of a node: its subscriptions, rejected messages, and the nodes that publish to it."""
 
 import math
 import time
@@ -69,7 +69,7 @@ class Intake:
         return self._inputs[topic]
 
     def poll(self) -> None:
-        """Take in all that has come on the polled topics, in the order in which it was published.
+        """Process all received messages of the polled topics, in the order of publication.
 
         A wake of the executor and a call for each message costs a reader of everything several times as much.
         """
@@ -86,7 +86,7 @@ class Intake:
             receive(message)
 
     def receive(self, topic: str, message: Any) -> None:
-        """Take a message of a topic in, or refuse it."""
+        """Process a message of a topic, or reject it."""
         self.arrived = time.perf_counter()
         decode, handle = self._receivers[topic]
         try:
@@ -97,7 +97,7 @@ class Intake:
         handle(value)
 
     def read(self, topic: str, convert: Callable[..., T], *arguments: Any) -> T | None:
-        """Return what `convert` makes of a message; None where it refuses the message, which is counted and logged."""
+        """Return the result of `convert`; None if it rejects the message, which is counted and logged."""
         try:
             return convert(*arguments)
         except InvalidInput as error:
@@ -120,7 +120,7 @@ class Intake:
             self._node.get_logger().warning(f"refused {text} ({count})")
 
     def look(self) -> None:
-        """Take note of the nodes that publish a topic beside the one that it belongs to."""
+        """Record unexpected publishers of a topic."""
         for topic, given in self._inputs.items():
             if not TOPICS[topic].shared and given.get_publisher_count() > 1:
                 found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
@@ -134,7 +134,7 @@ class Intake:
 
     @property
     def second_publishers(self) -> list[str]:
-        """Nodes that were seen to publish beside the one that a topic belongs to, as "/NODE on /TOPIC"."""
+        """Unexpected publishers seen so far, as "/NODE on /TOPIC"."""
         return sorted(self._second)
 
     def publishers(self, topic: str) -> list[str]:
@@ -145,7 +145,7 @@ class Intake:
 
 
 def second_publishers(names: Iterable[str], expected: Iterable[str]) -> list[str]:
-    """Return the other publishers of a topic beside the first of the nodes that are expected to publish it.
+    """Return the unexpected publishers of a topic.
 
     :param names: of the nodes that publish it, with their namespaces, one for each publisher.
     :param expected: names without namespaces.

@@ -49,11 +49,11 @@ class Learner(GraphNode):
 
     @property
     def state(self) -> str:
-        """Its stage."""
+        """The learner's stage."""
         return self._config.stage
 
     def figures(self) -> dict[str, Any]:
-        """Return the latest value of every number of its progress."""
+        """Return the latest values of the training's progress, by name."""
         return self._figures
 
     def _pretrain(self) -> None:

@@ -1,4 +1,4 @@
-"""Topics of a running graph for who looks on: it need not be one of the graph's nodes, and nothing waits for it."""
+"""Subscription to a running graph from outside, such as a page; no node waits for it."""
 
 from collections.abc import Callable, Iterable
 from functools import partial

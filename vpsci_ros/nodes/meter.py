@@ -20,7 +20,7 @@ class Meter:
         self._reported = (time.perf_counter(), 0)
 
     def tick(self, tick: int) -> None:
-        """Take note of a tick of the world, so that gaps between ticks are counted as missed.
+        """Record a tick of the world; gaps between ticks count as missed ticks.
 
         A gap of more than `LARGEST_GAP` is not counted: the tick is another world's, or forged.
         """

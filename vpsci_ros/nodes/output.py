@@ -1,4 +1,4 @@
-"""A publisher of a node of the graph: no message of it is lost because a reader was not there yet."""
+"""A publisher of a graph's node, which loses no message before its subscribers are matched."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ PEER_TIMEOUT = 60.0  # [s], less what this node waits for a core, for expected r
 
 
 class Output:
-    """A publisher that holds its first message back until every expected reader is matched, so that none is lost.
+    """A publisher that waits for all expected subscribers before the first message.
 
     It also waits a moment for other readers that the middleware has announced already.
 
@@ -51,7 +51,7 @@ class Output:
 
     @property
     def matched(self) -> bool:
-        """Whether every expected reader is there, by its name: a driving system, say, reads some topics, too."""
+        """Whether all expected subscribers are matched, by node name."""
         if self._publisher.get_subscription_count() < len(self.expected):
             return False
         names = {info.node_name for info in self._node.get_subscriptions_info_by_topic(self.full_name)}
@@ -69,7 +69,7 @@ class Output:
         return self.matched and self._publisher.get_subscription_count() >= known
 
     def found(self) -> bool:
-        """Return whether every expected reader is there, for a node that polls instead of waiting.
+        """Return whether all expected subscribers are matched, for a node that polls instead of waiting.
 
         :raises VpsciError: they did not appear within `PEER_TIMEOUT` of the first time.
         """
@@ -80,11 +80,11 @@ class Output:
 
     @property
     def has_readers(self) -> bool:
-        """Whether there is a reader; views of the world are made only for one."""
+        """Whether the topic has a subscriber; views of the world are published only then."""
         return self._publisher.get_subscription_count() > 0
 
     def publish(self, message: Any) -> None:
-        """Publish a message, or the bytes of one; the first time, wait for the expected readers.
+        """Publish a message or its bytes; the first call waits for the expected subscribers.
 
         :raises VpsciError: they did not appear within `PEER_TIMEOUT`.
         """
@@ -93,13 +93,13 @@ class Output:
         self.publish_now(message)
 
     def publish_now(self, message: Any) -> None:
-        """Publish to the readers that are matched."""
+        """Publish to the matched subscribers without waiting."""
         if self._latched or self.has_readers:
             self._publisher.publish(message)
         self.published += 1
 
     def flush(self, timeout_sec: float) -> bool:
-        """Wait until every reader has received all messages; return whether that happened in time."""
+        """Wait until all subscribers have received all messages; return False after a timeout."""
         return self._publisher.wait_for_all_acked(Duration(seconds=timeout_sec))
 
     def _wait(self) -> None:

@@ -1,4 +1,4 @@
-"""Perception as a node: the pedestrians as a driving system's sensors would have them, not where they truly are."""
+"""Perception as a node: the pedestrians with the errors of a sensor and a tracker."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""The recorder: writes every message of the graph, as it came off the wire, to a rosbag2 folder with MCAP storage."""
+"""The recorder: writes every serialized message of the graph to a rosbag2 folder with MCAP storage."""
 
 import hashlib
 import struct

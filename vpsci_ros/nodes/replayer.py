@@ -1,4 +1,4 @@
-"""The replayer: publishes what a bag holds, message for message as it was recorded, at the pace of its times."""
+"""The replayer: publishes the recorded messages of a bag at the pace of their times."""
 
 import importlib
 import time
@@ -145,7 +145,7 @@ class Replayer(GraphNode):
         return self._rate == 0.0 or (self._next.time - at) * 1e-9 <= (now - begun) * self._rate
 
     def parameters_changed(self) -> None:
-        """Go on at the new rate."""
+        """Apply the new rate."""
         self._rate = self.config(ReplayerConfig).rate
         self._restart_pace()
 
@@ -189,7 +189,7 @@ class Replayer(GraphNode):
         return {"messages_published": self._held + self._sent, "time": f"{self._at * 1e-9:.3f}"}
 
     def close(self) -> None:
-        """Say how much was published, and wait until every reader has it."""
+        """Log the number of published messages, and wait until all subscribers have them."""
         if self._sent:
             for publisher in self._outlets.values():
                 publisher.wait_for_all_acked(FLUSH)

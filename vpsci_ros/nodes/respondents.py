@@ -1,4 +1,4 @@
-"""The nodes that answer the world's ticks: their messages, submitted to the lock-step, and which are still missing."""
+"""The nodes that answer the world's ticks: their messages for the lock-step, and missing answers."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -62,7 +62,7 @@ class Respondents:
         return {self._names[sender] for sender in self._lock_step.unanswered}
 
     def not_subscribed(self) -> set[str]:
-        """Return the nodes that answer but are not yet known to subscribe to what they answer."""
+        """Return the nodes that publish answers but are not yet seen to subscribe to the ticks."""
         state, odometry = self._node.full_name(WORLD), self._node.full_name("/vehicle/odometry")
         found = self._not_subscribed(self._inputs.values(), state)
         return found | (

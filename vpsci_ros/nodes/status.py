@@ -1,4 +1,4 @@
-"""What a node reports of itself: one record, which goes out on `/diagnostics` and, in a graph, through a pipe.
+"""A node's report of itself, published on `/diagnostics` and, in a graph, sent through a pipe.
 
 Any program may publish on `/diagnostics`. What decides how a run ended comes through a pipe that `vpsci graph` gives to
 each process it starts, and that no other program has: lines of JSON, one a report, the last one at the node's end.
@@ -40,7 +40,7 @@ class NodeStatus:
     counts: WorldCounts | None = None
 
     def pairs(self) -> dict[str, Any]:
-        """Return what `/diagnostics` carries, by key."""
+        """Return the values for `/diagnostics`, by key."""
         pairs = dict(self.figures)
         pairs |= {"tick": self.counts.tick} | self.counts.nonzero() if self.counts else {}
         pairs |= {f"published {topic}": number for topic, number in self.published.items()}
@@ -86,11 +86,11 @@ class StatusPipe:
         self.open = True
 
     def started(self) -> None:
-        """Leave the writing to the process, so that the pipe ends with it."""
+        """Close the writing end in this process, so that the pipe ends with the node's process."""
         os.close(self.write_end)
 
     def read(self) -> None:
-        """Take what has come."""
+        """Read the available bytes."""
         data = bytearray()
         with contextlib.suppress(BlockingIOError):
             while block := os.read(self.read_end, 65536):
@@ -101,6 +101,6 @@ class StatusPipe:
             self.latest = NodeStatus.of(json.loads(lines[-1]))
 
     def close(self) -> None:
-        """Read no more."""
+        """Close the reading end."""
         self.open = False
         os.close(self.read_end)

@@ -1,4 +1,4 @@
-"""The graph as a table: each topic, its type, who publishes it, who subscribes, and its quality of service."""
+"""The graph as a table: each topic with type, publishers, subscribers and quality of service."""
 
 from copy import copy
 from dataclasses import dataclass

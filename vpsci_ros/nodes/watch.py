@@ -1,4 +1,4 @@
-"""Watching a run of a graph: for how long nothing has happened in it, and its progress on standard error."""
+"""Watching a run of a graph: the time without progress, and its progress on standard error."""
 
 import time
 from typing import Any
@@ -36,11 +36,11 @@ class Watch:
         self._bars.__exit__(*given)
 
     def idle_time(self) -> float:
-        """Return for how long nothing has happened [s], less `excuse`; a world that a service paused is not idle."""
+        """Return the time without progress [s], minus `excuse`; a world paused by a service is not idle."""
         return time.monotonic() - self._last - self._excused
 
     def excuse(self, seconds: float) -> None:
-        """Leave time out of account in which a node could not go on, or was still starting."""
+        """Subtract time in which a node could not run or was still starting."""
         self._excused += seconds
 
     def take(self, statuses: dict[str, NodeStatus]) -> None:

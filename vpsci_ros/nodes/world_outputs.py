@@ -1,4 +1,4 @@
-"""What the world publishes: state and time, events and transitions, and views of one episode for existing tools."""
+"""The world's publications: state, time, events, transitions, and views of one episode for existing tools."""
 
 from collections.abc import Mapping
 
@@ -66,7 +66,7 @@ class WorldOutputs:
         return {name for output in self.all if not output.matched for name in output.missing()}
 
     def unread(self) -> set[str]:
-        """Return other subscribers that were discovered and are not matched yet."""
+        """Return other discovered subscribers that are not matched yet."""
         return {f"a reader of {output.full_name}" for output in self.all if not output.complete}
 
     def tick(self, tick: Tick) -> None:
@@ -110,7 +110,7 @@ class WorldOutputs:
             output.publish(write_transforms(agents | people, header))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
-        """Publish what happened up to the tick of this number, EVENT[n], n > 0."""
+        """Publish the events up to the tick of this number, EVENT[n], n > 0."""
         self._event.publish(convert.event_message(events, number, self._period))
 
     def transitions(self, rows: NDArray[np.void], number: int) -> None:

@@ -83,7 +83,7 @@ class WorldSimulator(GraphNode):
         self.wall_timer(min(0.05, config.action_timeout / 4), self._on_timer)
 
     def destroy_node(self) -> None:
-        """Leave the engine as it was found, also where making the node has failed."""
+        """Restore the engine, also after a failed construction of the node."""
         if server := self.__dict__.get("_server"):
             server.close()
         super().destroy_node()
@@ -97,13 +97,13 @@ class WorldSimulator(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether the world runs, is paused, or waits."""
+        """State of the node: running, paused or waiting."""
         begun = self._lock_step.tick is not None
         return "paused" if self._lock_step.paused else "running" if begun else "waiting"
 
     @property
     def awaited(self) -> list[str]:
-        """The nodes that the first tick, or the present one, waits for."""
+        """The nodes whose answers to the first or present tick are missing."""
         return sorted(self._awaited)
 
     def _set_pace(self) -> None:

@@ -1,4 +1,4 @@
-"""The policies: networks, weights, streaming inference, and agents at work. Training is in `learning`.
+"""The policies: networks, weights, streaming inference, and acting agents. Training is in `learning`.
 
 `sst` is the state-space Transformer and `actor` the network on top of it, for training; `streaming` runs the same actor
 step by step without torch, and `agent` puts it to work in an episode. `weights` keeps all networks in one safetensors

@@ -1,4 +1,4 @@
-"""One agent at work: what a policy does between a world state and an action, in process and in its node alike.
+"""The policy of one agent, from a world state to an action; used in process and by its node.
 
 A policy is a bank of recorded people (`vpsci_ros.policy.bank`), or the networks of a weights file.
 """
@@ -50,7 +50,7 @@ class PolicyAgent:
         self.version = 0
 
     def load(self, policy: Policy, version: int) -> None:
-        """Act by `policy` from the next step on; histories of networks of the same shape are kept.
+        """Use `policy` from the next step on; histories of networks of the same shape continue.
 
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
 
@@ -67,11 +67,11 @@ class PolicyAgent:
             self._work = None
 
     def set_exploration(self, explore: bool, noise: NoiseConfig) -> None:
-        """Explore, or no longer, by this noise from the next step on."""
+        """Set or remove the exploration noise, from the next step on."""
         self._explore, self._noise = explore, noise
 
     def set_seeds(self, seeds: NDArray[np.int64]) -> None:
-        """Draw by a seed of its own in each slot, int64[B], from the next step on."""
+        """Set the seed of each slot, int64[B], from the next step on."""
         self._seed = seeds
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float32]:
@@ -97,16 +97,16 @@ class PolicyAgent:
         return action
 
     def lent(self, slot: int) -> int:
-        """Return the number of the recorded moment whose reaction acts in a slot; -1: none, or a network acts."""
+        """Return the number of the recorded situation whose reaction acts in a slot; -1: none, or a network acts."""
         return self._work.lent(slot) if isinstance(self._work, PeopleAtWork) else -1
 
     def beyond(self, slot: int) -> bool | None:
-        """Return whether the hand-over in a slot lay beyond the source's range; None: no bank acts, or none yet."""
+        """Return whether the hand-over in a slot was beyond the source's range; None: no bank, or no hand-over yet."""
         return self._work.beyond(slot) if isinstance(self._work, PeopleAtWork) else None
 
     @property
     def reach(self) -> NDArray[np.float64] | None:
-        """float64[4, 5], the range of the source that acts, see `onset_range`; None: a network, or no policy yet."""
+        """The range of the acting source, float64[4, 5], see `onset_range`; None: a network, or no policy yet."""
         return self._policy.of(self._people).reach if isinstance(self._policy, Bank) else None
 
     def _at_work(self, policy: Policy, rows: int) -> "PeopleAtWork | NetworkAtWork":
@@ -137,7 +137,7 @@ class NetworkAtWork:
         self._histories = Histories(capacity)
 
     def load(self, weights: Weights) -> None:
-        """Act by other weights of the same shape from the next step on."""
+        """Use other weights of the same shape from the next step on."""
         self._actor.load(weights)
 
     def act(
@@ -163,7 +163,7 @@ class NetworkAtWork:
         return action
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
-        """Take the actions that were executed where `active` into the histories."""
+        """Append the executed actions to the histories where `active`."""
         self._actor.executed(action, active)
 
 
@@ -173,7 +173,7 @@ def learned_agent(agent: str, config: PolicyConfig) -> PolicyAgent:
 
 
 def policies(policy: Policy, world: World, configs: Mapping[str, PolicyConfig] | None = None) -> dict[str, PolicyAgent]:
-    """Return the policies of those agents that the world's configuration hands to one.
+    """Return the policies of the agents that act by a policy in the world's configuration.
 
     :param configs: agent -> how it explores and draws; without one it does not explore, and draws by the world's seed.
     """

@@ -1,4 +1,4 @@
-"""Who may act for the vehicle or the pedestrian: the learned policy, and agents that other distributions add."""
+"""The kinds of agents: the policy by a bank or weights, and agents that other distributions add."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: Agen
 
 
 def make_agent(agent: str, config: PolicyConfig) -> Agent:
-    """Return what acts for "vehicle" or "pedestrian"; a learned one has no weights yet, see `PolicyAgent.load`.
+    """Return the agent for "vehicle" or "pedestrian"; a policy has no weights yet, see `PolicyAgent.load`.
 
     :raises InvalidInput: no agent has this name, its distribution is broken, or it cannot be this one.
     """

@@ -1,4 +1,4 @@
-"""A bank of recorded reactions: what drivers and pedestrians did together, from many moments of their tracks on.
+"""A bank of recorded reactions: the actions of both agents after many recorded situations.
 
 A *moment* is a recorded step of a pair; its *reaction* is what both did from then to the end of the track. Two moments
 are alike by speed of the vehicle, pace of the pedestrian, its place and velocity in the vehicle's heading frame, and
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 
 class Reactions(NamedTuple):
-    """M moments of S recorded steps of 0.1 s, of one people.
+    """M recorded situations and S recorded steps of 0.1 s, of one source.
 
     :ivar features: float64[8, M], see `features_of`, each divided by `scale`.
     :ivar scale: float64[8], standard deviation of each feature over the onsets.
@@ -66,13 +66,13 @@ class Reactions(NamedTuple):
 
 @dataclass(frozen=True)
 class Bank:
-    """Reactions by the people that showed them, the first one the default; facts say what they were made from."""
+    """Reactions by source, the first one the default; `facts` describes the training data."""
 
     reactions: Mapping[str, Reactions]
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def of(self, people: str = "") -> Reactions:
-        """Return the reactions of one people; of the empty name the first.
+        """Return the reactions of one source; without a name, of the first.
 
         :raises InvalidInput: the bank does not know them.
         """
@@ -88,7 +88,7 @@ class Bank:
 
 
 def people_of(source: str) -> str:
-    """Return the people of a source of near misses, or of "source/clip": its name up to a hyphen.
+    """Return the bank's source for near misses of "source" or "source/clip": the name up to a hyphen.
 
     Recordings of one kind of place share it, as vci-dut and vci-citr do, and borrow from each other.
     """
@@ -96,7 +96,7 @@ def people_of(source: str) -> str:
 
 
 def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> Floats:
-    """Return recorded moments, float64[..., 7].
+    """Return recorded situations, float64[..., 7].
 
     Speed, acceleration and yaw rate of the vehicle [m/s, m/s2, rad/s], then place [m] and velocity [m/s] of the
     pedestrian in its heading frame, forward and left each.
@@ -111,7 +111,7 @@ def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDA
 
 @kernel
 def moments_in(state, rows, out):  # type: ignore[no-untyped-def]
-    """Write the moments of EPISODE[B] records to float64[B, 7], of those `rows`, bool[B]; see `moments_of`."""
+    """Write the situations of the `rows`, bool[B], of EPISODE[B] to float64[B, 7]; see `moments_of`."""
     for i in range(state.size):
         if rows[i]:
             slot, m = state[i], out[i]
@@ -124,7 +124,7 @@ def moments_in(state, rows, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def features_of(moment, out):  # type: ignore[no-untyped-def]
-    """Write what makes a moment, float64[7], like another one to float64[8]; return the pedestrian's side, 1 or -1."""
+    """Write the features of a situation, float64[7], to float64[8]; return the pedestrian's side, 1 or -1."""
     walk_forward, walk_left = moment[5], moment[6]
     side = -1.0 if moment[4] < 0.0 else 1.0
     out[0], out[1] = moment[0], np.sqrt(walk_forward * walk_forward + walk_left * walk_left)
@@ -135,7 +135,7 @@ def features_of(moment, out):  # type: ignore[no-untyped-def]
 
 
 def describe(moments: Floats) -> tuple[Floats, Floats]:
-    """Return `features_of` moments, float64[n, 8], and the pedestrians' sides, float64[n]."""
+    """Return the features of situations, float64[n, 8], and the pedestrians' sides, float64[n]."""
     features, side = np.empty((len(moments), FEATURES)), np.empty(len(moments))
     _describe(np.ascontiguousarray(moments), features, side)
     return features, side

@@ -1,4 +1,4 @@
-"""The choice: which recorded reaction is lent to an agent, by what would come of it.
+"""The choice of a recorded reaction for an agent, by a roll-out of each candidate.
 
 A reaction is drawn among those of the `NEAREST` most similar moments, evenly among the ones by which the two do not
 touch within 3 s. That is found by a roll-out: both move by the world's own kinematics as the recorded pair did,
@@ -53,7 +53,7 @@ LENT = np.dtype(
 
 
 class Room(NamedTuple):
-    """What `lend` works with: nothing in it lasts."""
+    """Working memory of `lend`."""
 
     own: NDArray[np.float64]  # [8] features
     gaps: NDArray[np.float64]  # [M] squared distances of features
@@ -232,7 +232,7 @@ def _lend(moment, key, reset, actor, reactions, lent, room, out):  # type: ignor
 
 @kernel
 def lend(moments, keys, reset, active, actor, reactions, slots, room, out):  # type: ignore[no-untyped-def]
-    """Write what an agent does at this step in each slot to float64[B, 2]; rows that are not active stay as they are.
+    """Write an agent's action at this step in each slot to float64[B, 2]; inactive rows do not change.
 
     :param moments: float64[B, 7], see `bank.moments_of`; keys: uint64[B, 5], see `draws.keys`.
     :param reset: bool[B], the agent is handed over with this step; active: bool[B].
@@ -244,7 +244,7 @@ def lend(moments, keys, reset, active, actor, reactions, slots, room, out):  # t
 
 
 class Lender:
-    """Lends reactions to one agent, 0 the vehicle and 1 the pedestrian, in each of `capacity` slots.
+    """Chooses and replays reactions for one agent (0 vehicle, 1 pedestrian) in each of `capacity` slots.
 
     :param keeps_lane: the vehicle follows a road and not what is lent to it sideways.
     :ivar slots: LENT[B], what is lent.

@@ -1,4 +1,4 @@
-"""Compile what every episode runs before it is needed, in processes side by side, once for each state of the sources.
+"""Compilation of all kernels in parallel processes, once for each state of the sources.
 
 numba compiles a kernel at its first call and keeps it on disk (`vpsci_ros.runs.kernel_cache`). Without this, every node
 and every worker of a new installation would compile the same kernels at the same time, each without a word. A node
@@ -60,7 +60,7 @@ PARTS: dict[str, Callable[[], None]] = {
 
 
 def compile_kernels() -> None:
-    """Compile the kernels of world, monitor and policies, and say so, unless the cache has them.
+    """Compile the kernels of world, monitor and policies with a message, unless the cache has them.
 
     A part that fails is said with its reason; whoever needs its kernels compiles them, or fails in its own words.
     """

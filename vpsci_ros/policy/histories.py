@@ -1,4 +1,4 @@
-"""Which histories run: one an episode, from the first hand-over to its end (Algorithm 1 initialises H once an episode).
+"""Bookkeeping of histories: one for each episode, from the first hand-over to its end (Algorithm 1).
 
 A history has a step at every policy frame, those in which the rule-based pair drives included. What an agent did before
 such a step is then the acceleration that its motion shows. Policies at work and the learner count by the same class, so
@@ -32,7 +32,7 @@ class Histories:
     def take(
         self, state: NDArray[np.void], on_frame: NDArray[np.bool_], acts: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Take a tick in; return where histories begin with it, and where they have a step, bool[B] each.
+        """Process a tick; return where histories begin, and where they have a step, bool[B] each.
 
         :param state: EPISODE[B]; on_frame: bool[B], where policies may act; acts: bool[B], where they do.
         """

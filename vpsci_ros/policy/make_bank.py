@@ -80,7 +80,7 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
 
 
 def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None = None) -> Reactions | None:
-    """Return the reactions of whole tracks of one people; None where no onset has 3 s after it.
+    """Return the reactions of whole tracks of one source; None if no onset has 3 s after it.
 
     :param foreign: bool[N], the interaction is of another place: each of its moments counts as `FOREIGN` further away.
         Standard deviations and slopes are means of those of all onsets and of one's own alone, see `FEW`.
@@ -122,7 +122,7 @@ def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None =
 
 
 def actions_of(interactions: Interactions) -> Floats:
-    """Return what both did at each step, float64[N, T, 4], see `bank.ACTIONS`."""
+    """Return the actions of both agents at each step, float64[N, T, 4], see `bank.ACTIONS`."""
     done = np.concatenate([interactions.action[agent] for agent in ("vehicle", "pedestrian")], axis=2, dtype=np.float64)
     speed = np.maximum(np.hypot(interactions.motion[..., 3], interactions.motion[..., 4]), SLOWEST)
     done[..., 1] /= speed * speed
@@ -160,7 +160,7 @@ def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], side: Floats)
 
 
 def fitted(interactions: Interactions) -> Interactions:
-    """Return interactions with the motion that passes nearest to the recorded positions, and its accelerations.
+    """Return interactions with the motion fitted to the recorded positions, and its accelerations.
 
     The vehicle moves along its heading and does not roll backwards.
     """

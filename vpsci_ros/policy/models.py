@@ -1,4 +1,4 @@
-"""The networks that may act, by name: what `learner.encoder` chooses from, and the rows of `vpsci study models`.
+"""The networks by name, for `learner.encoder` and `vpsci study models`.
 
 All see the same observations and actions before. They differ in the layers of the encoder, and in how they learn.
 """
@@ -14,7 +14,7 @@ from vpsci_ros.runs.plugins import PluginGroup
 
 @dataclass(frozen=True)
 class Model:
-    """A network that may act, and how `vpsci study models` has it learn.
+    """A network, and its training in `vpsci study models`.
 
     :ivar layer: class of the encoder's layers, the critics' too.
     :ivar learning: "supervised": the next velocity of recorded near misses; or the name of an objective.

@@ -1,4 +1,4 @@
-"""The range of recorded onsets: at which speeds, distances, walking speeds and angles a source was recorded.
+"""The range of recorded onsets of a source: speeds, distances, walking speeds and angles.
 
 Reactions of other situations are extrapolated. An onset lies *beyond* the range where one of the four is below the
 first or above the last quantile of `LEVELS`. So do 5 to 20% of a source's own onsets.
@@ -57,7 +57,7 @@ def range_of(onsets: Floats) -> Floats:
 
 
 def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
-    """Return where onsets, float64[n, 4], lie, indices into `RANGES`, uint8[n]; beyond one range is "beyond".
+    """Return indices into `RANGES` for onsets, float64[n, 4], uint8[n]; outside one quantity's range is "beyond".
 
     :param reaches: the range of each agent that acts by a bank; none: "".
     """
@@ -68,7 +68,7 @@ def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
 
 
 def range_of_episode(episode: Episode, reach: Floats | None) -> str:
-    """Return one of `RANGES`: where the pedestrians of an episode are when their CurvTTC first falls below 5 s."""
+    """Return one of `RANGES` for an episode: the ranges of its pedestrians at their onsets."""
     critical = episode.known_curvttc < CRITICAL_TTC
     who = np.flatnonzero(critical.any(axis=1))
     if reach is None or not who.size:

@@ -1,4 +1,4 @@
-"""Recorded people at work: what a bank's reactions do between a world state and an action."""
+"""The agents `people`: from a world state to an action by a bank's reactions."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from vpsci_ros.world.tick import Assessment, Tick
 
 
 class PeopleAtWork:
-    """Lends recorded reactions to one agent over B slots, see `vpsci_ros.policy.choice`.
+    """Replays recorded reactions for one agent over B slots, see `vpsci_ros.policy.choice`.
 
     :param agent: index in `AGENTS`.
     """
@@ -37,9 +37,9 @@ class PeopleAtWork:
         return action
 
     def lent(self, slot: int) -> int:
-        """Return the number of the recorded moment whose reaction acts in a slot; -1: none yet."""
+        """Return the number of the recorded situation whose reaction acts in a slot; -1: none yet."""
         return int(self._lender.slots["moment"][slot]) - 1
 
     def beyond(self, slot: int) -> bool | None:
-        """Return whether the last hand-over in a slot lay beyond the range of the recorded onsets; None: none yet."""
+        """Return whether a slot's last hand-over was beyond the range of the recorded onsets; None: none yet."""
         return bool(self._beyond[slot]) if self.lent(slot) >= 0 else None

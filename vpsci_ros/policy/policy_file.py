@@ -1,4 +1,4 @@
-"""The file of a policy: a bank of recorded people or the weights of networks, told apart by what it says of itself."""
+"""The file of a policy: a bank of recorded reactions or weights of networks, distinguished by its metadata."""
 
 from pathlib import Path
 from typing import TypeAlias

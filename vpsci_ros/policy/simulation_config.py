@@ -1,4 +1,4 @@
-"""A simulation as one value: which episodes, in which world, and how the policies in it explore."""
+"""A simulation as one value: its episodes, its world, and the policies' exploration."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from vpsci_ros.world.observation import AGENTS
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """What is simulated, whatever the weights.
+    """The configuration of a simulation, without weights.
 
     :ivar episodes: (scenario number, episode number) pairs, in order.
     :ivar batch: episodes side by side.

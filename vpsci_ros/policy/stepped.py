@@ -1,4 +1,4 @@
-"""An actor at work, for networks other than the SST: by torch over the whole history again at each step.
+"""Inference of networks other than the SST: torch computes the whole history at each step.
 
 What `streaming.StreamingActor` is for the SST. Rows agree with the whole history to 1e-5; unlike there, their last
 bits may depend on how many rows are worked together, and a step costs as much as the history is long.
@@ -18,7 +18,7 @@ STEPS = 128  # of a history, before its memory doubles
 
 
 def actor_at_work(weights: Weights, capacity: int) -> Union[StreamingActor, "SteppedActor"]:
-    """Return what acts by these weights over `capacity` parallel histories."""
+    """Return the actor of these weights for `capacity` parallel histories."""
     return (StreamingActor if weights.network.encoder == SST else SteppedActor)(weights, capacity)
 
 

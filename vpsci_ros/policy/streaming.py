@@ -1,4 +1,4 @@
-"""An actor at work: one new step for many parallel histories at O(1) cost, with carried state and without torch.
+"""Streaming inference: one new step for many parallel histories at O(1) cost, with stored state, without torch.
 
 The same function as `vpsci_ros.policy.actor.Actor` over a whole history, to 1e-5. Numba was chosen by measurement:
 torch has no matrix product whose rows keep their bits when the batch changes, short of padding every batch to one fixed
@@ -46,7 +46,7 @@ class StreamingActor:
         self.load(weights)
 
     def load(self, weights: Weights) -> None:
-        """Act with other weights of the same shape from the next step on; histories are kept.
+        """Use other weights of the same shape from the next step on; histories continue.
 
         :raises InvalidInput: the networks differ in shape.
         """
@@ -94,7 +94,7 @@ class StreamingActor:
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
-        """Take the actions [m/s2] that were executed where `active`, float32[B, 2], into the history.
+        """Append the executed actions [m/s2], float32[B, 2], to the histories where `active`.
 
         Without this call the returned actions enter it.
         """

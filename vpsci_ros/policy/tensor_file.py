@@ -1,4 +1,4 @@
-"""Tensors and facts about them in one safetensors file, in the same bytes each time, with a checksum.
+"""Tensors and metadata in one safetensors file, with deterministic bytes and a checksum.
 
 The metadata are text: `format`, `tensors_sha256` (against damage), `software` and whatever else is a fact, as JSON. No
 pickle is ever read.

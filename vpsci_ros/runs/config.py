@@ -80,7 +80,7 @@ class RunConfig:
 
 @dataclass(frozen=True)
 class Sections:
-    """What a parameter file or a caller sets; every other parameter has its default.
+    """The values set by a parameter file or a caller; every other parameter has its default.
 
     :ivar values: section -> name of a parameter, with dots for those of groups -> value.
     """

@@ -29,7 +29,7 @@ def sha256(path: str | Path) -> str:
 
 
 def changed_files(folder: Path, hashes: Mapping[str, str]) -> list[str]:
-    """Return which files of a folder are missing, or not those of which these are the SHA-256 by name."""
+    """Return the files of a folder that are missing or differ from these SHA-256, by name."""
     return [name for name, own in hashes.items() if not (folder / name).is_file() or sha256(folder / name) != own]
 
 

@@ -17,7 +17,7 @@ def require_same(
     what: str = "holds a run",
     advice: str = _ADVICE,
 ) -> None:
-    """Refuse to go on with what another run left.
+    """Refuse to resume in the folder of another run.
 
     :param where: the file or folder that was found, the opening of the error message.
     :param found: what that run was, as JSON values; names that `mine` lacks do not count.

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept: a folder of its own for each state of the sources.
+"""The cache of compiled kernels: one folder for each state of the sources.
 
 The module that compiles kernels chooses it (`safety.compiled`).
 

@@ -1,4 +1,4 @@
-"""What other distributions add to this package, found by the entry points of Python packaging.
+"""Additions of other distributions to this package, found by entry points.
 
 A distribution that somebody installs beside this one names its addition in its own `pyproject.toml`, and from then on
 the name is as good as a built-in one: in parameter files, on the command line and in code. `docs/extending.md` has a
@@ -21,7 +21,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class PluginGroup(Generic[T]):
-    """One kind of addition: what this package has of it, and what other distributions add.
+    """One kind of addition: the package's built-in objects and those of other distributions.
 
     :ivar group: of the entry points, such as "vpsci_ros.importers".
     :ivar what: one of them is called, in error messages.
@@ -42,7 +42,7 @@ class PluginGroup(Generic[T]):
         return (*self.built_in, *sorted(self._added()))
 
     def find(self, name: str) -> T:
-        """Return what has this name.
+        """Return the object of this name.
 
         :raises InvalidInput: nothing has it, or what is installed under it cannot be imported or is something else.
         """

@@ -16,7 +16,7 @@ STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # 
 
 
 class CoreTime(NamedTuple):
-    """Seconds that a thread has computed, and that it has waited for a core; 0 where the system does not say."""
+    """Seconds for which a thread has run and has waited for a core; 0 if the system does not report them."""
 
     computed: float = 0.0
     waited: float = 0.0
@@ -34,12 +34,12 @@ def core_time(thread: str = "thread-self") -> CoreTime:
 
 
 def unhindered_time() -> float:
-    """Return monotonic time [s] less what this thread has waited for a core: patience is counted in it."""
+    """Return monotonic time [s] minus this thread's waiting time for a core; timeouts are counted in it."""
     return time.monotonic() - core_time().waited
 
 
 class ChildProcess:
-    """A process that was started, with all that it starts itself; its output goes on where its log has stopped.
+    """A child process and its children; its output is appended to its log.
 
     Ctrl-C does not reach it, so that this process stops it in order. If this process is killed, it gets SIGTERM.
 
@@ -80,32 +80,32 @@ class ChildProcess:
 
     @property
     def end(self) -> str:
-        """How it ended, in words; nothing while it runs."""
+        """Description of the process's end; "" while it runs."""
         status = self.status
         if status is None:
             return ""
         return f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with exit status {status}"
 
     def said(self, what: str = "") -> str:
-        """Return the last line of its log that has `what` in it, in whatever case; nothing if there is none."""
+        """Return the last line of the log that contains `what`, in any case; "" if there is none."""
         if not self.log.is_file():  # its folder was deleted or moved
             return ""
         lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return next((line.strip() for line in reversed(lines) if what in line.lower()), "")
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal to it and to all that it started."""
+        """Send a signal to the process and its children."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
     def wait(self, seconds: float) -> None:
-        """Wait for its end, so long at most."""
+        """Wait for the process's end, with a timeout [s]."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(seconds)
 
 
 def stop(processes: Collection[ChildProcess], steps: Sequence[tuple[signal.Signals, float]] = STEPS) -> None:
-    """Ask processes to stop, by one signal after the other as long as they run."""
+    """Stop processes by a sequence of signals, each sent if they still run."""
     for number, patience in steps:
         running = [process for process in processes if process.status is None]
         for process in running:

@@ -1,4 +1,4 @@
-"""What is seen of a run on standard error while it runs, and where a stage of learning may be interrupted."""
+"""Progress of a run on standard error, and interruption of a training between updates."""
 
 import contextlib
 import math
@@ -20,7 +20,7 @@ _STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  
 
 
 class Bars:
-    """Progress bars; without a terminal a line at once and others from then on. Use it in a `with` block.
+    """Progress bars; without a terminal, lines at intervals. Use it in a `with` block.
 
     Each line says how long the work has taken and, once a share of it is done, how long the rest takes. The remaining
     time that is said never grows: where the rest takes longer than was said, it is "at least" that long.
@@ -83,7 +83,7 @@ class Bars:
         return ", ".join(f"{name} {done:,.0f} of {total:,.0f}" for name, (_, done, total) in self._shares.items())
 
     def bar(self, name: str, done: float, total: float | None, note: str = "") -> None:
-        """Bring a bar up to date; the first call of a name adds it. None: the total is not known."""
+        """Update a bar; the first call of a name adds it. None: the total is unknown."""
         fields: dict[str, Any] = {"wanted": "?" if total is None else f"{total:,.0f}", "note": note}
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total, **fields)
@@ -95,14 +95,14 @@ class Bars:
         self._progress.update(self._tasks[name], completed=done, total=total, **fields)
 
     def clear(self) -> None:
-        """Take all bars away: other work begins."""
+        """Remove all bars, since other work begins."""
         self._shares.clear()
         self._begun, self._lasts, self._left = time.monotonic(), 0.0, math.inf
         while self._tasks:
             self._progress.remove_task(self._tasks.popitem()[1])
 
     def line(self, text: str, *, now: bool = False) -> None:
-        """Where there is no terminal, say this if the last line is long enough ago, or `now`.
+        """Without a terminal, print a line if the last one is old enough, or `now`.
 
         :param text: empty: how much of each bar is done.
         """
@@ -121,7 +121,7 @@ def _duration(seconds: float) -> str:
 
 
 class StageBar(Bars):
-    """The progress of a stage of learning."""
+    """The progress bar of a training stage."""
 
     def __init__(self, title: str, quiet: bool) -> None:
         super().__init__(title, quiet=quiet)
@@ -133,7 +133,7 @@ class StageBar(Bars):
         return self
 
     def show(self, report: dict[str, float], title: str = "") -> None:
-        """Take the latest numbers of `pretrain` or `refine` in; another `title` than before begins again."""
+        """Show the latest numbers of `pretrain` or `refine`; a new `title` starts a new bar."""
         if title and title != self._title:
             self._title, self._latest = title, {}
             self.clear()
@@ -147,7 +147,7 @@ class StageBar(Bars):
 
 @contextlib.contextmanager
 def stopped_between_updates() -> Iterator[Callable[[], None]]:
-    """Hold Ctrl-C and SIGTERM back, and yield what raises `Stopped` once one came: call it between two updates.
+    """Defer Ctrl-C and SIGTERM; yield a function to call between updates, which raises `Stopped` after a signal.
 
     A run that is torn out of an update could not go on to the same result.
     """

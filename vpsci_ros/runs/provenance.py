@@ -1,4 +1,4 @@
-"""What a result depends on besides its inputs: versions of software, and the kind of CPU."""
+"""The environment of a result: versions of software, and the CPU model."""
 
 import contextlib
 import platform
@@ -20,7 +20,7 @@ def software_versions() -> dict[str, str]:
 
 
 def cpu_name() -> str:
-    """Return the kind of CPU, as far as it is known: results are the same to the bit on the same kind."""
+    """Return the CPU model if it is known; results are bit-identical on one model."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
             name, _, value = line.partition(":")

@@ -47,7 +47,7 @@ def write_record(
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Return a record; None where there is none, or none that can be read."""
+    """Return a record; None if it is missing or unreadable."""
     try:
         record = read_json(path)
     except InvalidInput:

@@ -1,4 +1,4 @@
-"""The folder of a run in this process: which parameters it has, and what they, its inputs and its outputs were.
+"""The folder of a run: its parameters and the record of inputs and outputs.
 
 `params.yaml` is there from the start, resolved, in the layout of a parameter file, so that the same command reproduces
 the run from it. `run.json` is there from the moment that it ends or is stopped. `vpsci graph` leaves files

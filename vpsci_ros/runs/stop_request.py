@@ -1,4 +1,4 @@
-"""A request to stop, as signals make it: a plain flag, because a handler may run in the middle of another handler.
+"""A stop request set by signals: a plain flag, since handlers may interrupt each other.
 
 Python runs a signal's handler between any two instructions of the main thread, another handler's among them. What takes
 a lock there, as `threading.Event.set` does, waits for ever for itself where a second signal comes in between. To set a
@@ -16,14 +16,14 @@ REQUESTS = (signal.SIGINT, signal.SIGTERM)
 
 
 class StopRequest:
-    """Whether a stop was requested; once made, a request stands."""
+    """A stop request; it cannot be withdrawn."""
 
     def __init__(self) -> None:
         self._made = False
         self._at_once = False
 
     def set(self, *_: object) -> None:
-        """Make the request; safe at any instruction, however often, and so fit to handle a signal.
+        """Request a stop; safe to call from a signal handler, repeatedly.
 
         :raises Stopped: in a block of `at_once`, the first time.
         """
@@ -33,11 +33,11 @@ class StopRequest:
             raise Stopped
 
     def is_set(self) -> bool:
-        """Return whether it was made."""
+        """Return whether a stop was requested."""
         return self._made
 
     def check(self) -> None:
-        """Stop here if that was requested.
+        """Raise `Stopped` if a stop was requested.
 
         :raises Stopped: it was.
         """
@@ -46,7 +46,7 @@ class StopRequest:
 
     @contextlib.contextmanager
     def at_once(self) -> Iterator[None]:
-        """Have a request stop the block wherever it is: for minutes of work of which a half is worth nothing.
+        """Context manager in which a request stops the block at once, for work without intermediate results.
 
         :raises Stopped: one was made before or comes now.
         """
@@ -60,7 +60,7 @@ class StopRequest:
 
 @contextlib.contextmanager
 def stop_requested_by_signals(*, to_the_end: bool = False) -> Iterator[StopRequest]:
-    """Yield a request that SIGINT and SIGTERM make, in place of whatever they do elsewhere, ignored or not.
+    """Yield a stop request that SIGINT and SIGTERM set, instead of their usual handlers.
 
     In another thread than the main one, to which signals do not go, nobody makes it.
 
@@ -81,7 +81,7 @@ def stop_requested_by_signals(*, to_the_end: bool = False) -> Iterator[StopReque
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Have SIGINT and SIGTERM wait until the block is over: for what is short and must not be left half done.
+    """Context manager that defers SIGINT and SIGTERM, for short work that must not be interrupted.
 
     By handlers, since a mask is each thread's own, and libraries start threads.
     """

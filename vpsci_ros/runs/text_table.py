@@ -9,7 +9,7 @@ from rich.table import Table
 
 
 def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Padding:
-    """Return a table, a free line below: its first column names the rows, to the left, the others stand to the right.
+    """Return a table with an empty line below; the first column is left-aligned, the others right-aligned.
 
     :param rows: their cells; None sets what follows apart.
     """
@@ -31,5 +31,5 @@ def quartiles_text(quartiles: Iterable[float]) -> str:
 
 
 def short_name(scenario: str) -> str:
-    """Return a scenario's name without what all of Table 6 have in common: "A S-N"."""
+    """Return a scenario's short name, such as "A S-N"."""
     return scenario.removeprefix("Location").replace("_PedCross_", " ")

@@ -1,4 +1,4 @@
-"""Processes that do units of work: started fresh, replaced when they die.
+"""Worker processes that compute units; a process that dies is replaced.
 
 A worker gets the job once, then units, and gives back what each came to. `Serial` is the same without processes.
 """
@@ -159,7 +159,7 @@ def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
 def computed(
     workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: int = 1
 ) -> Iterator[tuple[Unit, Result]]:
-    """Yield units as they are done, while `ahead` more than there are workers are on their way.
+    """Yield computed units; `ahead` more units than workers are submitted at any time.
 
     :param next_unit: returns what is worth doing next; None: nothing, as things are.
     """

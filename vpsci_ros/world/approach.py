@@ -1,4 +1,4 @@
-"""How the drawn people of an episode drive and walk where the rule-based pair does: towards the meeting, and on.
+"""The drawn driver and walker of an episode, while the rule-based pair acts.
 
 Until the meeting a driver has its speed by the clock, as a walker has, slowing for the bend; beyond, it drives on a
 little faster. Neither reacts to the other, but for the fixed distance at which the autopilot brakes.
@@ -34,7 +34,7 @@ ROOM = 1.0  # [m] at which a car stops before somebody
 
 @kernel
 def line_offset(episode, row, s):  # type: ignore[no-untyped-def]
-    """Return how far to the left of its route [m] a walker walks at arc length `s` [m]."""
+    """Return the offset [m] of a walker to the left of its route at arc length `s` [m]."""
     oblique = episode.walk_slope * min(people.STRAIGHTENS, max(-people.OBLIQUE_FROM, s - row.conflict))
     return episode.pedestrian_offset + oblique + sway(episode.walk_sine, episode.walk_cosine, people.WALK_WAVE, s)
 
@@ -92,14 +92,14 @@ def walks_then(episode, onset, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def lane_sway(episode):  # type: ignore[no-untyped-def]
-    """Return how far to the left of the lane's centre [m] the place lies that this driver steers to."""
+    """Return the offset [m], to the left of the lane's centre, of the point that this driver steers to."""
     ahead = look_ahead(episode.route_s, episode.vehicle_speed)
     return sway(episode.lane_sine, episode.lane_cosine, people.CAR_WAVE, ahead)
 
 
 @kernel
 def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-untyped-def]
-    """Return the acceleration along the heading [m/s2] of a driver with somebody `gap` [m] before its front."""
+    """Return the acceleration along the heading [m/s2] of a driver with a pedestrian `gap` [m] ahead."""
     speed = episode.vehicle_speed
     cruise = episode.cruise_throttle * row.full_throttle_speed
     if episode.route_s < episode.meeting_s:

@@ -1,4 +1,4 @@
-"""Counter-based random numbers: a draw is a function of what it is for, not of what was drawn before it.
+"""Counter-based random numbers: a draw is a function of its key, not of earlier draws.
 
 Philox4x64-10, the generator of `numpy.random.Philox`: 256 bits of counter and 128 bits of key become 256 random bits.
 Here the key is (seed, scenario) and the counter (block, stream, episode, pedestrian), so that an episode's draws do not

@@ -37,10 +37,10 @@ _BEHIND = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 2.0])  # and behind it
 
 @dataclass(frozen=True)
 class CrowdConfig:
-    """How many pedestrians an episode has, and what the further ones are to the first; the rest cross on their own."""
+    """The number of pedestrians of an episode, and the relations of further ones to the first."""
 
     sizes: list[float] = parameter(
-        [], "parts of the episodes with 1, 2, ... pedestrians; empty: all have `pedestrians`", low=0.0, high=1e6
+        [], "relative frequencies of 1, 2, ... pedestrians; empty: always `pedestrians`", low=0.0, high=1e6
     )
     group: float = constant(0.7, "share of the further ones who walk with the first one", low=0.0, high=1.0)
     opposite: float = constant(0.14, "share who come from the other side", low=0.0, high=1.0)
@@ -57,13 +57,13 @@ class CrowdConfig:
             raise InvalidInput(f"crowd.sizes: expected a part above 0 for some number of pedestrians, got {self.sizes}")
 
     def size_limits(self, pedestrians: int) -> NDArray[np.float64]:
-        """Return where in [0, 1] the share of the episodes with 1, 2, ... pedestrians ends, float64[pedestrians]."""
+        """Return the cumulative shares of episodes with 1, 2, ... pedestrians, float64[pedestrians]."""
         parts = np.array(self.sizes or [0.0] * (pedestrians - 1) + [1.0])
         parts = np.concatenate([parts, np.zeros(pedestrians - len(parts))])
         return np.asarray(np.cumsum(parts) / parts.sum())
 
     def role_limits(self) -> NDArray[np.float64]:
-        """Return where in [0, 1] the shares of groups, opposite ones and followers end, float64[3]."""
+        """Return the cumulative shares of group members, opposite ones and followers, float64[3]."""
         return np.cumsum([self.group, self.opposite, self.follower])
 
 
@@ -133,7 +133,7 @@ def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-unt
 
 @kernel
 def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
-    """Let the followers of an episode, rows `first` to `first + count` of EPISODE[B], set off in their time."""
+    """Start the walk of followers in rows `first` to `first + count` of EPISODE[B] when their time has come."""
     leader = state[first]
     for i in range(first + 1, first + count):
         follower = state[i]
@@ -181,7 +181,7 @@ def share_motion(leader, episode):  # type: ignore[no-untyped-def]
 
 @kernel
 def share_action(state, first, count, answers):  # type: ignore[no-untyped-def]
-    """Have the vehicle face the most critical pedestrian of those in rows `first` to `first + count` of EPISODE[B].
+    """Let the vehicle react to the most critical pedestrian of rows `first` to `first + count` of EPISODE[B].
 
     Where the policies act, the row with the least CurvTTC leads, the first of equal ones, and its action is the
     vehicle's.

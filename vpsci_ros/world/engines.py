@@ -1,4 +1,4 @@
-"""The engine that moves the agents: our own kinematics, or one that a branch or another distribution adds."""
+"""The engine that moves the agents: this package's kinematics, or one that another distribution adds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Who drives: the rule-based pair until it is critical, then both policies, and back when the danger is over.
+"""Hand-over and hand-back: the rule-based pair acts until CurvTTC is critical, then the policies.
 
 The policies act at policy frames only, every `policy_period` since the spawn, and their actions stay in force in
 between. They take both agents at the first policy frame that is critical. Each critical tick sets `hold` to
@@ -50,7 +50,7 @@ def _acting(state, on_frame, critical, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def update(episode, critical, on_frame, acts, release_ticks):  # type: ignore[no-untyped-def]
-    """Take one running EPISODE record through the decisions of one tick; return the kind of event, or 0."""
+    """Apply the hand-over rules of one tick to a running EPISODE record; return the kind of event, or 0."""
     kind = 0
     if on_frame:
         if acts and episode.controlled == 0:

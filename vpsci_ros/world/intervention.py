@@ -1,4 +1,4 @@
-"""Changes between a driving system's command and the car, for tests of what a change would have done.
+"""Changes to a driving system's commands, to test their effect on an episode.
 
 An intervention changes one episode: the speed of the car at one frame, the firmness of its braking, braking forced
 from a frame on, or its speed held until it brakes firmly, as a protocol's robot does. Pedestrians, draws and the system
@@ -82,7 +82,7 @@ class Interventions:
         self._changes = from_parameter(numbers)
 
     def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
-        """Return the commands that reach the car at a tick, and set changed speeds in `state`, EPISODE[B].
+        """Return the changed commands of a tick, and set changed speeds in `state`, EPISODE[B].
 
         A missing command stays missing.
         """

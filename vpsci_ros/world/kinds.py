@@ -32,14 +32,14 @@ _WITHIN = 2.0  # standard deviations
 
 @dataclass(frozen=True)
 class KindMixture:
-    """Parts of the pedestrians of each kind, relative to their sum."""
+    """Relative frequencies of the kinds of pedestrians."""
 
-    adult: float = parameter(1.0, "part of the pedestrians who are adults, as recorded", low=0.0, high=1e6)
-    older: float = parameter(0.0, "part above 65 years of age", low=0.0, high=1e6)
-    child: float = parameter(0.0, "part of children who wait at the kerb and dart out", low=0.0, high=1e6)
-    distracted: float = parameter(0.0, "part of adults who do not look until late, if at all", low=0.0, high=1e6)
-    wheelchair: float = parameter(0.0, "part in a wheelchair", low=0.0, high=1e6)
-    stroller: float = parameter(0.0, "part who push a stroller", low=0.0, high=1e6)
+    adult: float = parameter(1.0, "relative frequency of adults, as recorded", low=0.0, high=1e6)
+    older: float = parameter(0.0, "relative frequency of pedestrians above 65 years", low=0.0, high=1e6)
+    child: float = parameter(0.0, "relative frequency of children: they wait, then dart out", low=0.0, high=1e6)
+    distracted: float = parameter(0.0, "relative frequency of adults that look late or never", low=0.0, high=1e6)
+    wheelchair: float = parameter(0.0, "relative frequency of wheelchair users", low=0.0, high=1e6)
+    stroller: float = parameter(0.0, "relative frequency of adults with a stroller", low=0.0, high=1e6)
 
     def __post_init__(self) -> None:
         if not sum(self.parts) > 0.0:
@@ -47,11 +47,11 @@ class KindMixture:
 
     @property
     def parts(self) -> list[float]:
-        """The part of each of `KINDS`."""
+        """The relative frequency of each of `KINDS`."""
         return list(values_of(self).values())
 
     def limits(self) -> NDArray[np.float64]:
-        """Return where in [0, 1] the share of each of `KINDS` ends, float64[6]."""
+        """Return the cumulative shares of `KINDS`, float64[6]."""
         return np.cumsum(self.parts) / sum(self.parts)
 
 

@@ -37,7 +37,7 @@ def comfortable_speeds(
 
 @kernel
 def look_ahead(s: float, speed: float) -> float:
-    """Return the arc length [m] of the place that a driver at `s` [m] steers to."""
+    """Return the arc length [m] of the point that a driver at `s` [m] steers to."""
     return s + LOOK_AHEAD + LOOK_AHEAD_TIME * speed
 
 

@@ -90,7 +90,7 @@ class LockStep:
             self.external.begin(tick, running=self._running)
 
     def end(self) -> None:
-        """Accept no more answers: the last tick is over."""
+        """Accept no further answers after the last tick."""
         self._over = True
 
     @property
@@ -99,7 +99,7 @@ class LockStep:
         return self.tick is not None and not self._over
 
     def take_assessment(self, number: int, read: Callable[[Tick], Assessment]) -> None:
-        """Take the monitor's answer to the tick of this number.
+        """Store the monitor's answer to the tick of this number.
 
         :raises InvalidInput: `read` does, or it contradicts the first answer, and the answer is refused.
         """
@@ -108,7 +108,7 @@ class LockStep:
             self.assessment = assessment
 
     def take_action(self, number: int, agent: str, version: int, read: Callable[[Tick], Floats]) -> None:
-        """Take an agent's answer, accelerations float64[B, 2] [m/s2], to the tick of this number.
+        """Store an agent's answer, accelerations float64[B, 2] [m/s2], to the tick of this number.
 
         :raises InvalidInput: `read` does, they are not finite, or they contradict the first answer, and the answer is
             refused.
@@ -127,7 +127,7 @@ class LockStep:
         self._counts.vehicle_commands_early += 1
 
     def answers(self) -> tuple[Assessment, Actions, NDArray[np.void]]:
-        """Return the answers to the present tick as they are now, and the events of the external driver, EVENT[n]."""
+        """Return the stored answers to the present tick, and the events of the external driver, EVENT[n]."""
         assert self.tick is not None, "answers() before begin()"
         assessment = self.tick.unassessed() if self.assessment is None else self.assessment
         if self.external is None:

@@ -1,4 +1,4 @@
-"""The loop over ticks: the world publishes a tick, monitor and agents answer, and the world advances.
+"""The loop over ticks: the world yields a tick, monitor and agents answer, and the world advances.
 
 It has two drivers. In process the loop calls monitor and agents itself (`ticks`, or `step` one at a time); in the graph
 the world's node passes on the answers that came as messages (`advance`). Whatever becomes of the ticks, a dataset, an
@@ -23,7 +23,7 @@ class Agent(Protocol):
     """An agent that acts for the vehicle or the pedestrian, as `vpsci_ros.policy.agent.PolicyAgent` does."""
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.floating[Any]]:
-        """Return accelerations [m/s2], float[B, 2], (longitudinal, lateral); they count where `assessment.acting`."""
+        """Return accelerations [m/s2], float[B, 2], (longitudinal, lateral); used where `assessment.acting`."""
 
 
 class Loop:
@@ -80,7 +80,7 @@ class Loop:
         return replace(given, **{name: action.astype(np.float64) for name, action in acted.items()})
 
     def step(self, given: Actions = NO_ACTIONS) -> Step:
-        """Ask monitor and agents and advance by one tick."""
+        """Call monitor and agents, and advance by one tick."""
         return self.advance(self.assessment, self.actions(given))
 
     def advance(self, assessment: Assessment, actions: Actions) -> Step:

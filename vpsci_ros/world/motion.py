@@ -11,7 +11,7 @@ RUNNING_SPEED = 5.0  # [m/s] that a pedestrian does not exceed: above the 4 m/s 
 
 @inlined
 def move_vehicle(episode, steer, throttle, brake, period):  # type: ignore[no-untyped-def]
-    """Move the vehicle through one tick with these controls, clipped to what they can be."""
+    """Move the vehicle through one tick with these controls, clipped to their limits."""
     steer = min(1.0, max(-1.0, steer))
     throttle, brake = min(1.0, max(0.0, throttle)), min(1.0, max(0.0, brake))
     speed = episode.vehicle_speed

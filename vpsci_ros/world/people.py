@@ -1,4 +1,4 @@
-"""How people come to a meeting: speeds, accelerations and lines of drivers and walkers, as recorded at onsets.
+"""Recorded distributions at onsets: speeds, accelerations and lines of drivers and walkers.
 
 The onset is the first step of 0.1 s with CurvTTC below 5 s. There are two calibrations.
 
@@ -67,7 +67,7 @@ def mirrored(onsets: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @kernel
 def quantile(values, share: float) -> float:  # type: ignore[no-untyped-def]
-    """Return the value that `share` of the people stay below, by a table of `SHARES`."""
+    """Return the quantile `share` of a table at `SHARES`."""
     i = 0
     while i < SHARES.size - 2 and share >= SHARES[i + 1]:
         i += 1
@@ -76,7 +76,7 @@ def quantile(values, share: float) -> float:  # type: ignore[no-untyped-def]
 
 @kernel
 def wavering(speed: float, acceleration: float, phase: float, period: float, time: float) -> float:
-    """Return the speed [m/s] at a `time` [s] of somebody who keeps `speed` within an `acceleration` [m/s2]."""
+    """Return the speed [m/s] at `time` [s] of an agent that varies around `speed` with an `acceleration` [m/s2]."""
     return speed + acceleration * period / (2.0 * math.pi) * math.sin(2.0 * math.pi * (time / period + phase))
 
 
@@ -99,7 +99,7 @@ def walking_pace(speed: float, acceleration: float, phase: float, time: float, m
 
 @kernel
 def sway(sine: float, cosine: float, wave: float, s: float) -> float:
-    """Return how far to the left [m] somebody is of their line at arc length `s` [m]."""
+    """Return the sway [m], to the left of an agent's line, at arc length `s` [m]."""
     angle = 2.0 * math.pi * s / wave
     return sine * math.sin(angle) + cosine * math.cos(angle)
 

@@ -12,7 +12,7 @@ NO_RECORDINGS = Recordings(np.empty((0, 0, 5)), np.empty((0, 0, 4)), np.empty(0,
 
 
 class Recorded:
-    """Motion of both agents, frame by frame at the world's tick, for some episodes.
+    """Recorded motion of both agents for some episodes, one frame for each tick of the world.
 
     :param episodes: (scenario number, episode number) -> (vehicle, pedestrian) with vehicle float[T, 5] as (x, y,
         heading, speed, curvature) and pedestrian float[T, 4] as (x, y, vx, vy), metres, radians, seconds, frame 0

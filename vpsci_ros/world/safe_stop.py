@@ -21,7 +21,7 @@ LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong unit
 
 
 class ExternalDriver:
-    """The command for the present tick of one episode.
+    """Holds the external command for the present tick of one episode.
 
     In lock-step the command has to answer the present tick, and the world waits for it. In real time the last good
     command holds; when it is older than `COMMAND_SILENCE`, the vehicle brakes, more and more firmly, until commands
@@ -97,7 +97,7 @@ class ExternalDriver:
         ) if begins else NO_EVENTS
 
     def accelerate(self, values: Sequence[float], stamp: int | None = None) -> None:
-        """Take a command (longitudinal, lateral) [m/s2].
+        """Store a command (longitudinal, lateral) [m/s2].
 
         :raises InvalidInput: it is refused, see above.
         """
@@ -105,7 +105,7 @@ class ExternalDriver:
         self._take(command, values, stamp)
 
     def control(self, values: Sequence[float], stamp: int | None = None, tick: int = 0) -> None:
-        """Take a command (steer, throttle, brake); `tick`, where it is not 0, says what it answers, not the stamp.
+        """Store a command (steer, throttle, brake); a `tick` other than 0 replaces its stamp.
 
         :raises InvalidInput: it is refused, see above.
         """
@@ -150,7 +150,7 @@ class ExternalDriver:
         return True
 
     def refuse(self, values: Sequence[float], reason: str) -> NoReturn:
-        """Count a command that is not to be driven.
+        """Count a rejected command.
 
         :raises InvalidInput: always, with the reason.
         """

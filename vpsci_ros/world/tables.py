@@ -1,4 +1,4 @@
-"""Scenarios as arrays for compiled code, paths padded to the longest: a row each, and one for those who come back.
+"""Scenarios as arrays for compiled code, with padded paths: one row each, and one for the opposite route.
 
 Row s + S is scenario s of S walked the other way, from where it ends to where people wait in row s.
 """
@@ -122,7 +122,7 @@ def crowd_from(config: WorldConfig) -> Crowd:
 
 
 def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Tables:
-    """Return scenarios, S > 0 of them, as tables in the same order, and then those walked the other way.
+    """Return S > 0 scenarios as tables in the same order, followed by those with the opposite route.
 
     :param spawn: `WorldConfig.spawn`; with the paper's the vehicle's goal is at most `PAPERS_GOAL` behind the crossing.
     """

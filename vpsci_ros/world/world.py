@@ -97,7 +97,7 @@ class World:
         return self._started
 
     def advance(self, assessment: Assessment, actions: Actions = NO_ACTIONS) -> NDArray[np.void]:
-        """Move from the present tick to the next one with the answers to it, and return what happened, EVENT[n].
+        """Advance to the next tick with the answers to the present one, and return the events, EVENT[n].
 
         Policies' actions are used where they act, and stay in force until the next policy frame; an external driver's
         are used at once, everywhere, `vehicle_control` rather than `vehicle`. Without an action the rule-based driver
@@ -130,7 +130,7 @@ class World:
     def place(
         self, slots: Sequence[int], episodes: Sequence[tuple[int, int]], seeds: Sequence[int] | None = None
     ) -> NDArray[np.void]:
-        """Start these episodes in these slots now, whatever ran there, and return their STARTED events, EVENT[n].
+        """Start these episodes in these slots, replacing running ones; return their STARTED events, EVENT[n].
 
         For environments that decide themselves when an episode is over; give such a world an empty queue.
 
@@ -154,7 +154,7 @@ class World:
         return started
 
     def resume(self, parked: Points) -> None:
-        """Show the present tick once more, after another engine has put the agents elsewhere in `state`.
+        """Refresh the present tick after another engine has set positions in `state`.
 
         Episodes that have ended go on: whether they are over is for the other engine to say.
 

@@ -1,4 +1,4 @@
-"""Real recordings in, near misses out: every format becomes clips of tracks at 0.1 s, and then the same thing happens.
+"""Importers of recordings: each format is read as clips of tracks at 0.1 s, from which near misses are cut.
 
 `tracks` says what an importer is and what comes out of it, reads, checks, resamples, and puts each vehicle
 together with each pedestrian; `vci`, `cqut_pvi` and `described` know formats, some by a `layout` of columns; `run` is

@@ -1,4 +1,4 @@
-"""Recordings of any other layout: a short YAML beside the files says what their columns are.
+"""Recordings of any other layout, whose columns a short YAML file in the same folder describes.
 
 `layout.yaml` in the folder of recordings:
 

@@ -1,4 +1,4 @@
-"""Tables of tracks, whatever their columns are called: one layout says what is where and in which unit, and it is done.
+"""Tables of tracks with any column names: a layout gives the column and the unit of each quantity.
 
 What differs between most published recordings is names, units, axes and classes. A `Layout` holds these; `clip_of`
 takes a table by it, compares frame rate, units and headings with the motion itself, and gives tracks at 0.1 s.
@@ -50,7 +50,7 @@ _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
 @dataclass(frozen=True)
 class Layout:
-    """What the columns of a table of tracks are.
+    """The columns of a table of tracks, and their units.
 
     :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y` (or `x_min`, `y_min`, `x_max`, `y_max` of a box), and
         where there are `vx`, `vy`, `speed` (of vehicles, along their heading), `heading`, `length`, `width`: the name
@@ -153,7 +153,7 @@ def _rate(layout: Layout) -> float:
 
 
 def classes_in(table: pl.DataFrame, layout: Layout) -> Counter[str]:
-    """Return how many road users each value of the class has."""
+    """Return the number of road users of each class."""
     rows = pl.DataFrame({"class": _classes(table, layout), "id": table[layout.columns["id"]]})
     return Counter(dict(rows.group_by("class").agg(pl.col("id").n_unique()).sort("class").rows()))
 
@@ -265,7 +265,7 @@ def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
 
 
 def check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
-    """Refuse times or units by which road users come further, or less far, than their speeds say.
+    """Refuse times or units that contradict the road users' speeds.
 
     :param tracks: id, frame, x, y [m], vx, vy [m/s].
     :param rate: frames a second.

@@ -1,4 +1,4 @@
-"""The door of the importers: folders and format names in, one near-miss table and a summary out."""
+"""The entry point of the importers: from folders and format names to a near-miss table and a summary."""
 
 import math
 import os
@@ -31,7 +31,7 @@ from vpsci_ros.world.observation import STEP
 
 @dataclass(frozen=True)
 class SourceSummary:
-    """What one source holds.
+    """Counts of one source.
 
     :ivar pairs: vehicles and pedestrians that are there at the same time.
     :ivar near_misses: those of them whose CurvTTC falls below 5 s and that have `LEAST_STEPS` rows.
@@ -87,7 +87,7 @@ class ImportResult:
 
 
 def joined(results: Sequence[ImportResult]) -> ImportResult:
-    """Return several results as one, interactions numbered through.
+    """Return several results as one, with consecutive interaction numbers.
 
     :raises InvalidInput: none given, or the same recording twice.
     """
@@ -375,7 +375,7 @@ def imported_clips(
 
 
 def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf) -> ImportResult:
-    """Import several folders into one table, interactions numbered through.
+    """Import several folders into one table, with consecutive interaction numbers.
 
     :param formats: one for each folder, or one for all.
     :param fastest: median speed of a pedestrian above which it is left out [m/s].
@@ -399,7 +399,7 @@ def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list
 
 
 def told_apart(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
-    """Return imports of folders whose clips have names of their own.
+    """Return imports of folders with unique clip names.
 
     Where two folders of one format have a clip of one name, all clips of this format have their folder before their
     names: its path below the folder that all of these are in.

@@ -92,7 +92,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class Importer:
-    """How recordings of one format are read.
+    """An import format.
 
     :ivar read: folder of recordings -> its clips, in an order of its own that is always the same; raises
         `InvalidInput` where the folder or a file does not hold what it should.
@@ -122,7 +122,7 @@ def median_speed(pedestrian: Track) -> float:
 
 
 def read_text(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
-    """Return a CSV file with every value as text, without the marks that programs leave on it.
+    """Return a CSV file with every value as text, without a byte order mark or similar marks.
 
     UTF-16 is known by its mark; a header without `delimiter` may have ";" or tabs, with which decimal commas are
     allowed; spaces around names and values go, and so does the ".0" that a table program adds to whole numbers.

@@ -33,7 +33,7 @@ _PAIR = ["count", "walker"]
 
 
 def convert(source: Path, output: Path) -> None:
-    """Write the authors' files as a dataset of this package, rejected episodes beside the kept ones.
+    """Write the authors' files as a dataset of this package, with kept and rejected episodes.
 
     Every episode goes through the filters of section 3.3 once more. A file whose tracks lie on another road than that
     of its name gets "_elsewhere" after it, so that nothing is drawn on a road that is not its own.
@@ -73,7 +73,7 @@ def _header(path: Path) -> list[str]:
 
 
 def canonical(path: Path) -> pl.DataFrame:
-    """Return a file's rows as `vpsci generate` writes them: y north, frames from 0, one pedestrian after another.
+    """Return a file's rows in the form of `vpsci generate`: y north, frames from 0, one pedestrian after another.
 
     :raises InvalidInput: a column is missing, a value is no number, a frame comes twice, an episode has two vehicles,
         or positions, velocities, times and distances contradict each other, or nobody turns.

@@ -20,7 +20,7 @@ _STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to eithe
 
 @kernel
 def gap_ahead(state, first, count, proximity_distance):  # type: ignore[no-untyped-def]
-    """Return how far before the vehicle's front [m] the nearest pedestrian straight ahead is; infinity: none is near.
+    """Return the distance [m] from the vehicle's front to the nearest pedestrian straight ahead; infinity: none.
 
     Of those in rows `first` to `first + count` of EPISODE[B], all of one episode.
     """

@@ -8,7 +8,7 @@ from vpsci_ros.world.motion import move_pedestrian, move_vehicle
 
 @inlined
 def vehicle(episode, recordings, period):  # type: ignore[no-untyped-def]
-    """Put the vehicle where its recording has it next; beyond the recording it goes on straight."""
+    """Move the vehicle to its next recorded position; after the recording it goes straight on."""
     frame = episode.frame + 1
     if frame >= recordings.frames[episode.recording]:
         move_vehicle(episode, 0.0, 0.0, 0.0, period)
@@ -22,7 +22,7 @@ def vehicle(episode, recordings, period):  # type: ignore[no-untyped-def]
 
 @inlined
 def pedestrian(episode, recordings, settings):  # type: ignore[no-untyped-def]
-    """Put the pedestrian where its recording has it next; beyond the recording it keeps its velocity."""
+    """Move the pedestrian to its next recorded position; after the recording it keeps its velocity."""
     frame = episode.frame + 1
     if frame >= recordings.frames[episode.recording]:
         move_pedestrian(episode, 0.0, 0.0, settings)

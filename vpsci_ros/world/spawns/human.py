@@ -1,4 +1,4 @@
-"""Where an episode of people begins: one or two seconds before they should come onto a course to collide.
+"""The spawn `human`: one or two seconds before the drawn agents come on a collision course.
 
 Both are on their way already; a few walkers wait at the kerb and set off in time. What they are like at the onset is
 drawn from recorded onsets (`people`), how near they come to each other uniformly from all the courses that collide, and
@@ -29,7 +29,7 @@ _DRIVER, _WALKER, _MEETING, _CAR_SWAY, _WALK_SWAY, _SPEEDING_UP = range(2, 8)
 
 @kernel
 def begin(episode, row, tables, seed, _period):  # type: ignore[no-untyped-def]
-    """Draw two people, when and where they meet, and put them where they are then at the spawn.
+    """Draw a driver and a walker and their conflict point and time, and place both at the spawn.
 
     Return the time [s] that the car needs from the spawn to the crossing.
     """
@@ -53,7 +53,7 @@ def join(episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped
 
 @kernel
 def meet_car(episode, leader, row, tables, seed, drives, turning):  # type: ignore[no-untyped-def]
-    """Draw one more walker, who meets the `leader` record's car for itself, and put them where they are at the spawn.
+    """Draw a further walker with its own conflict with the `leader` record's car, and place it at the spawn.
 
     :param drives: time [s] that the car needs from the spawn to where it meets the leader.
     :param turning: they walk as in right turns.
@@ -67,7 +67,7 @@ def meet_car(episode, leader, row, tables, seed, drives, turning):  # type: igno
 
 @kernel
 def draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
-    """Draw who drives; return the speed at the onset [m/s]."""
+    """Draw the driver; return the speed at the onset [m/s]."""
     driver, car_sway = draw(episode, seed, STREAM_SPAWN, _DRIVER), draw(episode, seed, STREAM_SPAWN, _CAR_SWAY)
     speed = quantile(people.CAR_SPEED, unit(driver[0]))
     episode.cruise_throttle = speed / row.full_throttle_speed
@@ -96,7 +96,7 @@ def _pace(onset, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped-def]
-    """Draw who walks, and along which line."""
+    """Draw the walker and its line."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
     episode.walking_phase = unit(walk_sway[2])
     stride = quantile(people.STRIDES, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[1]))
@@ -172,7 +172,7 @@ def put_car(episode, row, tables, s, speed):  # type: ignore[no-untyped-def]
 
 @kernel
 def place_walker(episode, row, tables, walks, seed):  # type: ignore[no-untyped-def]
-    """Put the walker where it has `walks` [s] to go to the crossing, time that it waits included.
+    """Place the walker `walks` [s] before the crossing, including its waiting time.
 
     A child waits at the kerb for what it does not need to run.
     """

@@ -1,4 +1,4 @@
-"""Where a right turn begins: up to a second before a recorded onset, to which both move as they were recorded to.
+"""The spawn `right_turns`: up to a second before a recorded onset, with the recorded motion until then.
 
 A row of `people.RIGHT_TURNS` is one recorded onset: where the walker is seen from the car, and how fast both were, how
 the car steered and which way the walker walked, at each step of the second before. The car is put into the lane where
@@ -46,7 +46,7 @@ _JUST_BEFORE = 0.15  # [s] before the onset, in which it may be critical already
 
 @kernel
 def begin(episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
-    """Draw a recorded onset and put both where they are up to a second before it.
+    """Draw a recorded onset and place both agents up to a second before it.
 
     Return the time [s] that the car needs from the spawn to the crossing.
 

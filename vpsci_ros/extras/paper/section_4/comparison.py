@@ -1,4 +1,4 @@
-"""How alike generated and recorded interactions are, in numbers with intervals (section 4.3).
+"""Similarity of generated and recorded interactions, in numbers with intervals (section 4.3).
 
 The unit of sampling is the clip for recorded near misses, whose interactions share vehicles and pedestrians, and the
 episode for generated ones; intervals resample these. The paper tests the difference of the two distributions by
@@ -25,7 +25,7 @@ SHARES = ("conflict", "vehicle_yields", "pedestrian_yields")
 
 
 def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dict[str, Any]:
-    """Return what a table of encounters is like; every estimate is {"value", "low", "high"}.
+    """Return statistics of a table of interactions; every estimate is {"value", "low", "high"}.
 
     Keys: interactions, groups; least_curvttc, its quartiles [s] as a list of three; and the shares `SHARES`.
 
@@ -46,7 +46,7 @@ def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dic
 
 
 def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int = 0) -> dict[str, Any]:
-    """Return how far apart the distributions of the least CurvTTC of recorded and generated interactions lie.
+    """Return distances between the distributions of recorded and generated least CurvTTC.
 
     Keys: ks, the greatest difference D of the two distribution functions, and wasserstein [s], each with its interval;
     ks_onset and wasserstein_onset: the same with recorded ones weighted by `onset_weights`.
@@ -78,7 +78,7 @@ def between_halves(recorded: pl.DataFrame, seed: int = 0) -> dict[str, dict[str,
 
 
 def onset_weights(recorded: pl.DataFrame, generated: pl.DataFrame) -> Floats:
-    """Return weights of the recorded near misses, float64[N] of sum 1, by which they begin as late as generated ones.
+    """Return weights of recorded near misses, float64[N] of sum 1, that match the generated CurvTTC at the onset.
 
     What begins at 2 s cannot be kept at 3 s, so a difference in onset is one in the least CurvTTC, too. A class of
     `ONSETS` in which nothing was recorded cannot be weighted, and is left out.
@@ -108,7 +108,7 @@ class _Grid:
 
 
 def weights(table: pl.DataFrame, clustered: bool, seed: int) -> Iterator[Floats]:
-    """Yield a weight for each row, float64[N] of sum 1, in `RESAMPLES` resamples of rows or of whole groups."""
+    """Yield `RESAMPLES` bootstrap weights of rows, float64[N] of sum 1, by rows or by whole groups."""
     owner = _owners(table) if clustered else np.arange(table.height)
     count = int(owner.max()) + 1
     for drawn in resamples(count, seed, RESAMPLES):

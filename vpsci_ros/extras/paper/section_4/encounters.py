@@ -33,7 +33,7 @@ SCHEMA = {
 
 
 def generated_encounters(data: Dataset) -> pl.DataFrame:
-    """Return the kept episodes of a dataset as a table of `SCHEMA`, of several pedestrians a row for each.
+    """Return the kept episodes of a dataset as a table of `SCHEMA`, a row for each pedestrian.
 
     :raises InvalidInput: a file of the dataset is missing or damaged.
     """

@@ -1,4 +1,4 @@
-"""The pictures of a report: how near they came (Figure 8), conflicts by speed (11), who gave way when (9, 12, 13)."""
+"""Pictures of a report: least CurvTTC (Figure 8), conflicts by speed (11), yielding (9, 12, 13)."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -75,7 +75,7 @@ def save_conflicts(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
 
 
 def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path, sides: Sequence[Axis] = SIDES) -> None:
-    """Draw how often `agent` yields by distance and by what both do at the onset (Figures 9, 12, 13), as a PNG.
+    """Draw how often `agent` yields, by distance and speeds at the onset (Figures 9, 12, 13), as a PNG.
 
     A row a source, or, where there is one side alone, a column.
     """

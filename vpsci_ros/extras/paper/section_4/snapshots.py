@@ -22,7 +22,7 @@ _EDGE = 2.0  # [m] from a panel's edge
 
 
 def save_snapshots(episodes: Sequence[tuple[str, Episode]], path: str | Path) -> None:
-    """Draw four moments of each episode under its title, and write them as a PNG, whole or not at all.
+    """Draw four frames of each episode under its title, and write them as a PNG, whole or not at all.
 
     :raises InvalidInput: no episode, or the folder of `path` does not exist.
     """
