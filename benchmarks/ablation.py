@@ -21,7 +21,8 @@ import polars as pl
 from torch import Tensor
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.cli.stages import run_pretraining, stage_2_inputs
+from vpsci_ros.cli.stage_inputs import stage_2_inputs
+from vpsci_ros.cli.stages import run_pretraining
 from vpsci_ros.learning import maddpg
 from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.online import LOG, refine

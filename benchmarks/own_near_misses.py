@@ -21,7 +21,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
-from vpsci_ros.evaluation.onsets import Onsets, energy_score, find_onsets
+from vpsci_ros.evaluation.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import policy, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.extras.paper.realism.controls import residual_sampler
