@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode_block import RECORD, EpisodeBlock
-from vpsci_ros.data.importers.run import ImportResult, near_misses_of
+from vpsci_ros.data.importers import ImportResult
+from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.tracks import Clip, Track
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput

@@ -12,7 +12,8 @@ from polars.testing import assert_frame_equal
 from synthetic import SOURCE, synthetic_near_misses
 
 from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, named
-from vpsci_ros.data.importers.run import near_misses_of, require_near_misses
+from vpsci_ros.data.importers.pairs import near_misses_of
+from vpsci_ros.data.importers.summary import require_near_misses
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
 from vpsci_ros.data.importers.vci import VCI_DUT
 from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from vpsci_ros.data.importers import ImportResult, import_trajectories, print_import_summary
-from vpsci_ros.data.importers.run import BRIEF, LEAST_STEPS
+from vpsci_ros.data.importers.pairs import BRIEF, LEAST_STEPS
 from vpsci_ros.data.importers.tracks import GAPS
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput

@@ -1,0 +1,166 @@
+"""Near misses of clips: the CurvTTC of each vehicle with each pedestrian along their joint track.
+
+The whole joint track of a near miss is stored; `vpsci_ros.data.reference` selects the rows for training.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+
+from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
+from vpsci_ros.data.importers.tracks import FAST, Clip, Track, median_speed, slope
+from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, with_groups
+from vpsci_ros.data.reference import causal_curvttc, flags, paths_apart, trailing_slope
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
+from vpsci_ros.world.observation import STEP
+
+LEAST_STEPS = 5  # of a near miss: a slope over 0.4 s, as velocities and yaw rates are, takes so many
+BRIEF = f"near misses of fewer than {LEAST_STEPS} steps"  # a count of `SourceSummary.left_out`
+LEAST_EXTENT = 1.0  # [m] of a clip: as far apart are the middles of a vehicle and of a pedestrian at least
+
+
+def near_misses_of(
+    source: str,
+    clips: Iterable[Clip],
+    *,
+    length: float,
+    width: float,
+    critical: float = CRITICAL_TTC,
+    fastest: float = math.inf,
+) -> ImportResult:
+    """Return the near misses of a source, interactions numbered from 0 in order of clip, vehicle and pedestrian.
+
+    :param length, width: of vehicles whose tracks do not say [m].
+    :param critical: CurvTTC below which a pair is a near miss [s].
+    :param fastest: pedestrians whose median speed exceeds this are left out [m/s], see `Clip.without_faster`.
+    :raises InvalidInput: no vehicle at all, no pedestrian, or two clips of one name; or see `clips`.
+    """
+    parts: list[pl.DataFrame] = []
+    pairs = vehicles = pedestrians = fast = 0
+    left_out: Counter[str] = Counter()
+    assumed: dict[str, None] = {}
+    names: set[str] = set()
+    for recorded in clips:
+        _require_metres(source, recorded)
+        clip = recorded.with_headings().without_faster(fastest)
+        if clip.name in names:
+            raise InvalidInput(
+                f"{source}: two recordings are called {clip.name}; rename one, or give their folders one by one, which "
+                "tells clips of one name apart"
+            )
+        names.add(clip.name)
+        fast += sum(median_speed(track) > FAST for track in clip.pedestrians)
+        vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
+        left_out.update(clip.left_out)
+        assumed |= dict.fromkeys(clip.assumed)
+        for vehicle, pedestrian in _together(clip):
+            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or (length, width)), critical)
+            pairs += 1
+            if near_miss is not None and near_miss.height < LEAST_STEPS:
+                left_out[BRIEF] += 1
+            elif near_miss is not None:
+                number = pl.lit(len(parts), pl.Int64)
+                parts.append(near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name)))
+    events = any(what.startswith("events") for what in left_out)  # whole pairs, each for a reason of its own
+    if names and not (vehicles and pedestrians) and not events:
+        others = ", ".join(f"{count:,} {what}" for what, count in (+left_out).items()) or "nothing"
+        what = "vehicle" if not vehicles else "pedestrian"
+        raise InvalidInput(
+            f"{source}: no {what} in {len(names)} clips; left out were {others}; name the classes as there"
+        )
+    empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
+    table = with_groups(pl.concat(parts)).select(list(NEAR_MISS_COLUMNS)) if parts else empty
+    summary = SourceSummary(
+        source,
+        clips=len(names),
+        pairs=pairs,
+        near_misses=len(parts),
+        steps=table.height,
+        critical_steps=table.filter(pl.col("curvttc") < critical).height,
+        quartiles=least_quartiles(table),
+        vehicle_length=length,
+        vehicle_width=width,
+        left_out=dict(+left_out),
+        assumed=tuple(assumed),
+        vehicles=vehicles,
+        pedestrians=pedestrians,
+        fast=fast,
+    )
+    return ImportResult(table, (summary,))
+
+
+def _require_metres(source: str, clip: Clip) -> None:
+    """Refuse a clip in which a vehicle and a pedestrian have no room beside each other.
+
+    :raises InvalidInput: names the projection where its positions may be longitudes and latitudes.
+    """
+    if not clip.vehicles or not clip.pedestrians:
+        return
+    tracks = [track.values for track in (*clip.vehicles, *clip.pedestrians)]
+    x, y = (np.concatenate([values[name] for values in tracks]) for name in ("x", "y"))
+    extent = float(np.hypot(np.ptp(x), np.ptp(y)))
+    if extent < LEAST_EXTENT:
+        zone = f"EPSG:32{'6' if y.mean() >= 0.0 else '7'}{int((x.mean() + 180.0) // 6.0) % 60 + 1:02}"
+        raise InvalidInput(
+            f"{source}, clip {clip.name}: all road users are within {extent:.2g} of each other: expected positions in "
+            "metres; describe the files (--format described) with `metres` of their unit"
+            + (f", or, for longitude and latitude, with `projection: {zone}`" * bool(np.abs((x, y)).max() <= 180.0))
+        )
+
+
+def _together(clip: Clip) -> Iterable[tuple[Track, Track]]:
+    """Yield each vehicle, with its yaw rates, and each pedestrian that is there at some of its steps."""
+    begins, ends = (np.array([getattr(each, end) for each in clip.pedestrians], int) for end in ("first", "last"))
+    for vehicle in clip.vehicles:
+        together = np.flatnonzero((begins <= vehicle.last) & (ends >= vehicle.first))  # of thousands, a few
+        if len(together):
+            heading = vehicle.values["heading"]
+            rates = {"yaw_rate": slope(heading), "yaw_rate_causal": trailing_slope(heading)}
+            turning = replace(vehicle, values=vehicle.values | rates)
+            yield from ((turning, clip.pedestrians[number]) for number in together)
+
+
+def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, critical: float) -> pl.DataFrame | None:
+    first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
+    veh, ped = (
+        {name: values[first - track.first : last - track.first + 1] for name, values in track.values.items()}
+        for track in (vehicle, pedestrian)
+    )
+    curvature = curvature_from_yaw_rate(veh["yaw_rate"], veh["speed"])
+    ttc = curvttc(
+        *(veh["x"], veh["y"], veh["heading"], veh["speed"], curvature),
+        *(ped["x"], ped["y"], ped["vx"], ped["vy"]),
+        length=length,
+        width=width,
+        radius=PEDESTRIAN_RADIUS,
+    )
+    if not (ttc < critical).any():
+        return None
+    columns = {f"veh_{name}": veh[name] for name in ("x", "y", "heading", "speed")}
+    columns["veh_vx"] = veh["speed"] * np.cos(veh["heading"])
+    columns["veh_vy"] = veh["speed"] * np.sin(veh["heading"])
+    columns |= {f"ped_{name}": ped[name] for name in ("x", "y", "vx", "vy")}
+    steps = np.arange(len(ttc))
+    return pl.DataFrame(
+        {
+            "step": steps,
+            "time": (first + steps) * STEP,
+            "veh_id": np.full(len(ttc), vehicle.number),
+            "ped_id": np.full(len(ttc), pedestrian.number),
+            "veh_name": vehicle.name or str(vehicle.number),
+            "ped_name": pedestrian.name or str(pedestrian.number),
+            "veh_length": float(length),
+            "veh_width": float(width),
+            **columns,
+            "curvttc": ttc,
+            "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"]),
+            "curvttc_causal": causal_curvttc(columns, veh["yaw_rate_causal"], length, width),
+        }
+        | flags(ttc, veh["speed"])
+        | {"apart": paths_apart(columns)}
+    )

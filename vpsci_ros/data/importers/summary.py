@@ -1,0 +1,173 @@
+"""The result of an import: the near misses, and a summary of each source, printed and stored with the table."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from rich.console import Console
+
+from vpsci_ros.data.importers.tracks import FAST, require_source
+from vpsci_ros.data.near_misses import concat_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.text_table import text_table
+from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS
+from vpsci_ros.world.observation import STEP
+
+
+@dataclass(frozen=True)
+class SourceSummary:
+    """Counts of one source.
+
+    :ivar pairs: vehicles and pedestrians that are there at the same time.
+    :ivar near_misses: those of them whose CurvTTC falls below 5 s and that have `LEAST_STEPS` rows.
+    :ivar steps: rows of the table; `critical_steps` of them below 5 s.
+    :ivar quartiles: of the least CurvTTC of each near miss [s], NaN where there is none.
+    :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
+    :ivar left_out: what of the recordings is not in `pairs`: what it is -> how often.
+    :ivar assumed: what the recordings do not hold.
+    :ivar vehicles, pedestrians: unbroken tracks; `fast` of the pedestrians have a median speed above 2.5 m/s.
+    """
+
+    source: str
+    clips: int
+    pairs: int
+    near_misses: int
+    steps: int
+    critical_steps: int
+    quartiles: tuple[float, float, float]
+    vehicle_length: float
+    vehicle_width: float
+    left_out: Mapping[str, int]
+    assumed: tuple[str, ...] = ()
+    vehicles: int = 0
+    pedestrians: int = 0
+    fast: int = 0
+
+    @property
+    def speeds(self) -> str:
+        """A line that says how many pedestrians are as fast as bicycles, and how to leave them out."""
+        share = f"{self.fast:,} of {self.pedestrians:,} pedestrians ({self.fast / max(self.pedestrians, 1):.1%})"
+        hint = f"; --fastest {FAST:g} leaves them out" if self.fast else ""
+        return f"{share} are faster than {FAST:g} m/s (median while they move){hint}"
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """A near-miss table and the summaries of the sources it came from."""
+
+    table: pl.DataFrame
+    summaries: tuple[SourceSummary, ...]
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What `write_near_misses` should store beside the rows."""
+        return {
+            "sources": {summary.source: asdict(summary) for summary in self.summaries},
+            "step": STEP,
+            "critical_ttc": CRITICAL_TTC,
+            "horizon": HORIZON,
+            "pedestrian_radius": PEDESTRIAN_RADIUS,
+            "versions": software_versions(),
+        }
+
+
+def joined(results: Sequence[ImportResult]) -> ImportResult:
+    """Return several results as one, with consecutive interaction numbers.
+
+    :raises InvalidInput: none given, or the same recording twice.
+    """
+    table = concat_near_misses([result.table for result in results])
+    by_source: dict[str, list[SourceSummary]] = {}
+    for result in results:
+        for summary in result.summaries:
+            by_source.setdefault(summary.source, []).append(summary)
+    return ImportResult(table, tuple(_of_one_source(own, table) for own in by_source.values()))
+
+
+def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> SourceSummary:
+    """Return what several folders of one source hold together."""
+    if len(parts) == 1:
+        return parts[0]
+    left_out: Counter[str] = Counter()
+    for part in parts:
+        left_out.update(part.left_out)
+    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians", "fast")
+    sums = {name: sum(getattr(part, name) for part in parts) for name in names}
+    assumed = dict.fromkeys(text for part in parts for text in part.assumed)
+    quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
+    return replace(parts[0], **sums, quartiles=quartiles, left_out=dict(left_out), assumed=tuple(assumed))
+
+
+def named(result: ImportResult, name: str) -> ImportResult:
+    """Return a result whose only source has another name, by which a bank's reactions are chosen (`--people`).
+
+    :raises InvalidInput: several sources, or a name that cannot be one.
+    """
+    require_source(name, "--name")
+    if len(result.summaries) != 1:
+        sources = ", ".join(summary.source for summary in result.summaries)
+        raise InvalidInput(f"--name {name}: expected one source, got {sources}; import them one by one")
+    (summary,) = result.summaries
+    return ImportResult(result.table.with_columns(source=pl.lit(name)), (replace(summary, source=name),))
+
+
+def least_quartiles(table: pl.DataFrame) -> tuple[float, float, float]:
+    """Return the quartiles of each interaction's least CurvTTC [s]; NaN without interactions."""
+    least = table.group_by("interaction").agg(pl.col("curvttc").min())["curvttc"].to_numpy()
+    low, median, high = np.quantile(least, (0.25, 0.5, 0.75)) if len(least) else np.full(3, np.nan)
+    return float(low), float(median), float(high)
+
+
+def print_import_summary(result: ImportResult, console: Console | None = None) -> None:
+    """Print the table of `vpsci import`: clips, pairs, near misses, steps, quartiles of the least CurvTTC."""
+    columns = [
+        (one.source, (one.clips, one.pairs, one.near_misses, one.steps, one.critical_steps), one.quartiles)
+        for one in result.summaries
+    ]
+    if len(columns) > 1:
+        sums = tuple(sum(counts) for counts in zip(*(counts for _, counts, _ in columns), strict=True))
+        columns.append(("together", sums, least_quartiles(result.table)))
+    rows: list[list[str] | None] = []
+    for i, name in enumerate(("clips", "pairs", "near misses", "steps", "of them critical")):
+        rows.append([name, *(f"{counts[i]:,}" for _, counts, _ in columns)])
+        if name == "near misses":
+            rows.append(["share of pairs", *(f"{counts[2] / max(counts[1], 1):.1%}" for _, counts, _ in columns)])
+    rows.append(None)
+    for i, name in enumerate(("first quartile", "median", "third quartile")):
+        rows.append([f"least CurvTTC, {name} [s]", *(f"{quartiles[i]:.2f}" for *_, quartiles in columns)])
+    title = f"Near misses: pairs whose CurvTTC falls below {CRITICAL_TTC:g} s"
+    console = console or Console()
+    console.print(text_table(title, ("", *(source for source, _, _ in columns)), rows))
+    for row in result.summaries:
+        console.print(f"{row.source}: {row.speeds}")
+        for text, count in row.left_out.items():
+            console.print(f"{row.source}: left out {count:,} {text}")
+        for text in row.assumed:
+            console.print(f"{row.source}: {text}")
+
+
+def require_near_misses(result: ImportResult) -> None:
+    """Refuse an import without a near miss.
+
+    :raises InvalidInput: says what was read of each source, what was left out of it, and the likely cause.
+    """
+    if result.table.height:
+        return
+    found = []
+    for one in result.summaries:
+        left_out = ", ".join(f"{count:,} {what}" for what, count in one.left_out.items()) or "nothing"
+        found.append(
+            f"{one.source}: {one.clips:,} clips, {one.vehicles:,} tracks of vehicles, {one.pedestrians:,} of "
+            f"pedestrians, {one.pairs:,} pairs that are there at the same time, none below "
+            f"{CRITICAL_TTC:g} s of CurvTTC; left out: {left_out}"
+        )
+    cause = (
+        "nobody meets a vehicle closely; if they should, check units, axes and headings (--check draws pairs)"
+        if any(one.pairs for one in result.summaries)
+        else "no vehicle is there when a pedestrian is; check the times of both, and which classes are named"
+    )
+    raise InvalidInput(f"no near miss: {'; '.join(found)}; {cause}")
