@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
@@ -82,5 +83,6 @@ def sentence(verdict: Mapping[str, Any]) -> str:
     """Return a verdict in words."""
     value = "not measured" if verdict["value"] is None else f"{verdict['value']:.4g}"
     return (
-        f"{verdict['criterion']}: {value} with {verdict['pedestrian']}, {'failed' if verdict['failed'] else 'passed'}"
+        f"{verdict['criterion']}: {value} with {title_of(verdict['pedestrian'])}, "
+        f"{'failed' if verdict['failed'] else 'passed'}"
     )

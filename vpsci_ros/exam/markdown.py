@@ -40,9 +40,9 @@ def _changes(found: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines that compare the exam with an earlier one."""
     yield (
         f"Compared with `{found['ads']}` in {found['folder']}. A failure: {_failure(found['failure'])}. Changes are of "
-        "the same episodes in pairs, new less old, with 95% intervals; bold where the interval leaves out 0.\n"
+        "the same episodes in pairs, new minus old, with 95% intervals; bold where the interval leaves out 0.\n"
     )
-    heads = ["pedestrian", "episodes", "as before", "fixed", "newly broken", "still failing"]
+    heads = ["pedestrian", "episodes", "unchanged", "fixed", "newly broken", "still failing"]
     yield from _head([*heads, *(MEASURES[name].title for name in _SHOWN)])
     for name, row in found["pedestrians"].items():
         counts = [len(row[kind]) for kind in ("fixed", "newly_failed", "still_failing")]
