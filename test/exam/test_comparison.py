@@ -79,7 +79,7 @@ def test_what_failed_before_and_does_not_now_is_fixed_and_the_other_way_round(ho
         for failed in (True, False)
     }
     assert (row["newly_failed"], row["fixed"], row["still_failing"]) == (names[True], names[False], [])
-    assert reasons == [f"fixed >= 0: {len(names[False])} with walker, failed"]
+    assert reasons == [f"fixed >= 0: {len(names[False])} (walker, does not react), failed"]
     summary = (tmp_path / "today" / "summary.md").read_text()
     assert summary.startswith("## my_driver:MyDriver: failed\n")
     key = (names[True] + names[False])[0]

@@ -37,7 +37,7 @@ def test_what_could_not_be_measured_fails():
     assert failed("evasion_success_rate < 0.9 @walker", learned=0.0, walker=0.0) == ["walker"]
     verdict = check([parse("collision_rate > 1 @learned", PEDESTRIANS)], report(learned=None), PEDESTRIANS)[0]
     assert verdict["value"] is None
-    assert sentence(verdict) == "collision_rate > 1 @learned: not measured with default pedestrian, failed"
+    assert sentence(verdict) == "collision_rate > 1 @learned: not measured (default pedestrian), failed"
 
 
 def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_the_run():

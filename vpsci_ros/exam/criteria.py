@@ -83,6 +83,6 @@ def sentence(verdict: Mapping[str, Any]) -> str:
     """Return a verdict in words."""
     value = "not measured" if verdict["value"] is None else f"{verdict['value']:.4g}"
     return (
-        f"{verdict['criterion']}: {value} with {title_of(verdict['pedestrian'])}, "
+        f"{verdict['criterion']}: {value} ({title_of(verdict['pedestrian'])}), "
         f"{'failed' if verdict['failed'] else 'passed'}"
     )
