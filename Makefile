@@ -9,8 +9,8 @@ PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
 ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
-	extras/formats/test_carla_map.py extras/paper extras/exam_extra extras/drive/test_run.py \
-	extending/test_network.py test_site.py)
+	extras/formats/test_carla_map.py extras/formats/test_mp4.py extras/paper extras/exam_extra extras/drive/test_run.py \
+	examples/test_trained_policy.py extending/test_network.py test_site.py test_without_extras.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
 COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(PYTEST) -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
@@ -37,7 +37,7 @@ test:  ## run the tests without test-engines (ENGINES=yes: with them)
 	@$(PYTEST) --durations 20 -n $(JOBS) --dist worksteal $(addprefix --ignore ,$(ENGINE_TESTS)) $(PYTEST_ARGS)
 	@$(if $(ENGINES),$(MAKE) --no-print-directory test-engines)
 
-test-engines:  ## run the slow tests: exam_extra, drive, paper, the site, and those with SUMO, highway-env, CARLA, CommonRoad, a planner
+test-engines:  ## run the slow tests: exam_extra, drive, paper, videos, the site, the trunk alone, and those with SUMO, highway-env, CARLA, CommonRoad, a planner
 	@tools/setup.sh $(VENV) engines
 	@$(PYTEST) -n $(JOBS) --dist worksteal $(ENGINE_TESTS)
 	@$(COMMONROAD)
