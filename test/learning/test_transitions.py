@@ -105,8 +105,17 @@ def history(episode, steps, first_number=0):
         np.arange(steps),
         np.arange(1, steps + 1),
     )
-    rows["last"][-1] = 1
+    rows["acting"], rows["last"][-1] = 1, 1
     return rows
+
+
+def test_a_history_in_which_the_policies_do_not_act_at_first_is_refused():
+    rows = history(1, 3)
+    rows["acting"][:2] = 0
+    assert usable(rows).tolist() == [False, True, True]
+    assembler = HistoryAssembler()
+    assert assembler.add(rows) == []
+    assert (assembler.refused, assembler.dropped) == (1, 2)
 
 
 def test_a_lost_transition_is_counted_and_its_history_dropped():

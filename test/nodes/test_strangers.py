@@ -112,7 +112,7 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
     learner = Learner(context=context, parameter_overrides=overrides(**chosen))
     stage(learner, peer="world_simulator").peer.create_subscription(UInt64, "replay/consumed", lambda _: None, 1)
     rows = np.zeros(4, TRANSITION)
-    rows["number"], rows["step"], rows["scenario"] = np.arange(4), np.arange(4), 1
+    rows["number"], rows["step"], rows["scenario"], rows["acting"] = np.arange(4), np.arange(4), 1, 1
     rows["vehicle_observation"][3] = np.nan
     ragged = convert.filled(convert.transition_message(rows, 4, PERIOD), {"vehicle_action": array("f", [0.0])})
     for message in (ragged, Transition(), convert.transition_message(rows, 4, PERIOD)):

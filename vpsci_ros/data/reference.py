@@ -30,7 +30,7 @@ LEAST_BEFORE = 3  # steps before the first critical one; with fewer a track begi
 BEFORE = 10  # steps before the first critical one that learning takes
 AFTER = 10  # steps after the last critical one that learning takes
 _STATE = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx", "ped_vy")
-_BLOCK = 512  # steps of a path whose distances to the other one are computed at once
+_BLOCK = 512  # steps of one path in each block of distances to the other path
 _YAW_WINDOW = 4  # steps back over which the causal yaw rate is a slope
 
 

@@ -18,7 +18,7 @@ Actions = dict[str, Tensor]
 
 
 class Seen(NamedTuple):
-    """What both agents know at a step of a roll-out of B scenes."""
+    """Observations of both agents at a step of a roll-out of B scenes."""
 
     step: int
     scene: Scene

@@ -59,7 +59,7 @@ def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earl
 
 
 def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what two exams must have in common to be compared: all but the driving system and the software."""
+    """Return the part of an identity that compared exams share: without driving system and software."""
     kept = {
         name: identity.get(name)
         for name in ("world", "scenarios_sha256", "weights_sha256", "agents", "recorded_sha256")

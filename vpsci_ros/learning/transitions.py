@@ -20,7 +20,8 @@ def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
     """Return which TRANSITION[n] records may be learned from, bool[n].
 
     Their numbers are finite and not beyond `MOST`, their CurvTTC [s] is not negative, infinity where there is none, and
-    their flags are 0 or 1. One that is not would make a loss, and then every weight, not a number.
+    their flags are 0 or 1, and the policies act at the first step of a history. One that is not would make a loss, and
+    then every weight, not a number.
     """
     good = np.ones(len(rows), np.bool_)
     for name in _NUMBERS:
@@ -30,6 +31,7 @@ def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
         good &= rows[name] >= 0.0
     for name in _FLAGS:
         good &= rows[name] <= 1
+    good &= (rows["step"] != 0) | (rows["acting"] != 0)
     return good
 
 

@@ -115,8 +115,9 @@ class Learner(GraphNode):
         refiner.add(rows)
         if (now := refiner.assembler.refused) > refused:
             self.get_logger().warning(
-                f"refused {now - refused} transitions, {now} so far: expected finite numbers"
-                f" and a CurvTTC that is not negative; does another program publish {self.full_name('/replay')}?",
+                f"refused {now - refused} transitions, {now} so far: expected finite numbers,"
+                f" a CurvTTC that is not negative and policies that act at step 0;"
+                f" does another program publish {self.full_name('/replay')}?",
                 throttle_duration_sec=5.0,
             )
         while refiner.due and not refiner.finished and not self.stop.is_set():

@@ -89,7 +89,7 @@ def joined(results: Sequence[ImportResult]) -> ImportResult:
 
 
 def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> SourceSummary:
-    """Return what several folders of one source hold together."""
+    """Return the summed counts of several folders of one source."""
     if len(parts) == 1:
         return parts[0]
     left_out: Counter[str] = Counter()

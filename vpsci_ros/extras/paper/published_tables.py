@@ -150,7 +150,8 @@ def _check_units(rows: pl.DataFrame, path: Path) -> None:
         way = [
             (pl.col(f"position_{axis}_{end}").shift(-1) - pl.col(f"position_{axis}_{end}")).over(_PAIR) for axis in "xy"
         ]
-        speed = (pl.col(f"velocity_x_{end}") ** 2 + pl.col(f"velocity_y_{end}") ** 2).sqrt()
+        now = (pl.col(f"velocity_x_{end}") ** 2 + pl.col(f"velocity_y_{end}") ** 2).sqrt()
+        speed = 0.5 * (now + now.shift(-1).over(_PAIR))  # the mean of both ends, so that braking is no other unit
         came = (way[0] ** 2 + way[1] ** 2).sqrt() / seconds
         moving = rows.select(ratio=came / speed, speed=speed).filter(pl.col("speed") > _MOVING)["ratio"].drop_nulls()
         ratio = moving.drop_nans().median()
