@@ -8,7 +8,7 @@ from vpsci_ros.world.crowd import MOST, CrowdConfig
 from vpsci_ros.world.kinds import KindMixture
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
-SPAWNS = ("right_turns", "human", "paper")
+SPAWNS = ("right_turns", "human", "paper", "mixed")
 PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
 
 
@@ -29,7 +29,8 @@ class WorldConfig:
     spawn: str = parameter(
         "right_turns",
         "initial motion of both agents; right_turns: of recorded right turns; human: of recordings on a campus; "
-        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2)",
+        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: paper in even episodes, "
+        "right_turns in odd ones",
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(

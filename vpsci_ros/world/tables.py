@@ -68,7 +68,6 @@ class Settings(NamedTuple):
     walk_on: bool  # beyond its goal the pedestrian walks on
     proximity_distance: float  # [m] below which the autopilot brakes
     lane_following: bool  # the vehicle's lateral action is added to what keeps the lane
-    human: bool  # people approach as recorded
     spawn: int  # index in SPAWNS
     pedestrians: int  # rows of an episode
 
@@ -106,7 +105,6 @@ def settings_from(config: WorldConfig) -> Settings:
         walk_on=config.walk_on,
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
-        human=config.spawn != "paper",
         spawn=SPAWNS.index(config.spawn),
         pedestrians=config.pedestrians,
     )
@@ -124,7 +122,8 @@ def crowd_from(config: WorldConfig) -> Crowd:
 def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Tables:
     """Return S > 0 scenarios as tables in the same order, followed by those with the opposite route.
 
-    :param spawn: `WorldConfig.spawn`; with the paper's the vehicle's goal is at most `PAPERS_GOAL` behind the crossing.
+    :param spawn: `WorldConfig.spawn`; with the paper's, and with `mixed`, the vehicle's goal is at most `PAPERS_GOAL`
+        behind the crossing.
     """
     rows = np.zeros(len(scenarios), SCENARIO)
     for row, scenario in zip(rows, scenarios, strict=True):
@@ -133,7 +132,8 @@ def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Ta
         row["lane_step"], row["lane_count"] = vehicle.path.step, len(vehicle.path.points)
         row["walk_step"], row["walk_count"] = pedestrian.path.step, len(pedestrian.path.points)
         crossing, _ = vehicle.path.locate(*pedestrian.path.at(pedestrian.conflict))
-        row["vehicle_goal"] = min(vehicle.goal, crossing + PAPERS_GOAL) if spawn == "paper" else vehicle.goal
+        near = spawn in ("paper", "mixed")
+        row["vehicle_goal"] = min(vehicle.goal, crossing + PAPERS_GOAL) if near else vehicle.goal
         row["full_throttle_speed"] = vehicle.full_throttle_speed
         row["pedestrian_goal"], row["conflict"] = pedestrian.goal, pedestrian.conflict
         row["standing_room"], row["waiting"] = pedestrian.standing_room, pedestrian.waiting

@@ -12,6 +12,7 @@ from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.drivers import autopilot, constant_velocity, external, policy, social_force, walker
 from vpsci_ros.world.lane_driving import pursuit_curvature
+from vpsci_ros.world.spawns import as_recorded
 
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
 CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")
@@ -27,7 +28,7 @@ def controls(state, i, count, answers, tables, settings):  # type: ignore[no-unt
         return control[i, 0], control[i, 1], control[i, 2]
     row = tables.rows[episode.table]
     lane, place = (tables.lane, episode.table, row.lane_count, row.lane_step), (episode.vehicle_x, episode.vehicle_y)
-    aside = lane_sway(episode) if settings.human else 0.0
+    aside = lane_sway(episode) if as_recorded(settings.spawn, episode) else 0.0
     keeping = pursuit_curvature(*lane, episode.route_s, aside, *place, episode.vehicle_heading, episode.vehicle_speed)
     if settings.vehicle_driver == POLICY and episode.vehicle_held:
         return policy.vehicle(episode, keeping, settings)
@@ -60,7 +61,7 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
         return ax, ay, False
     if driver == POLICY and episode.pedestrian_held:
         ax, ay = policy.pedestrian(episode, settings)
-        return ax, ay, settings.human
+        return ax, ay, as_recorded(settings.spawn, episode)
     if driver == CONSTANT_VELOCITY:
         ax, ay = constant_velocity.pedestrian(episode, tables, settings)
         return ax, ay, False

@@ -13,6 +13,7 @@ from vpsci_ros.world.approach import drive_then, drivers_acceleration, onset_tim
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.lane_driving import speed_acceleration
 from vpsci_ros.world.observation import to_heading_frame
+from vpsci_ros.world.spawns import as_recorded
 
 _HALF_LENGTH = 0.5 * VEHICLE_LENGTH
 _STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side
@@ -50,7 +51,7 @@ def vehicle(state, i, count, keeping, tables, settings):  # type: ignore[no-unty
             next_speed, curvature = drive_then(onset, then)
             along = (episode.approach_pace * next_speed - speed) / settings.period
             return kinematics.steer_to(curvature), kinematics.throttle_for(along), kinematics.brake_for(along)
-    if settings.human:
+    if as_recorded(settings.spawn, episode):
         along = drivers_acceleration(episode, row, tables, gap, settings.period)
         return steer, kinematics.throttle_for(along), kinematics.brake_for(along)
     if gap < math.inf:

@@ -4,6 +4,7 @@ from vpsci_ros.world import kinematics
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.observation import from_heading_frame
 from vpsci_ros.world.people import limited
+from vpsci_ros.world.spawns import as_recorded
 
 
 @inlined
@@ -12,7 +13,7 @@ def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
     speed, along, left = episode.vehicle_speed, episode.vehicle_long, episode.vehicle_lat
     if settings.lane_following:
         left += keeping * speed * speed
-    if settings.human:
+    if as_recorded(settings.spawn, episode):
         along = limited(along, episode.vehicle_acceleration, settings.period)
         left = limited(left, episode.vehicle_curvature * speed * speed, settings.period)
     return kinematics.steer_for(left, speed), kinematics.throttle_for(along), kinematics.brake_for(along)

@@ -8,6 +8,7 @@ import math
 from vpsci_ros.world.approach import line_offset, onset_time, walker_speed, walks_then
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.paths import line_at
+from vpsci_ros.world.spawns import as_recorded
 
 WALK_ACCELERATION = 2.5  # [m/s2] with which the walker changes its velocity
 WALK_LOOK_AHEAD = 2.0  # [m]
@@ -22,14 +23,16 @@ def waits(episode, settings):  # type: ignore[no-untyped-def]
 @inlined
 def pace(episode, settings):  # type: ignore[no-untyped-def]
     """Return the speed [m/s] at which the pedestrian walks now, if it neither waits nor stands at its goal."""
-    return walker_speed(episode, episode.frame * settings.period) if settings.human else episode.walking_speed
+    if as_recorded(settings.spawn, episode):
+        return walker_speed(episode, episode.frame * settings.period)
+    return episode.walking_speed
 
 
 @inlined
 def wanted(episode, speed, tables, settings):  # type: ignore[no-untyped-def]
     """Return the velocity (vx, vy) [m/s] with which a walker follows its route; `speed` [m/s] where it walks."""
     row, offset = tables.rows[episode.table], episode.pedestrian_offset
-    if settings.human:
+    if as_recorded(settings.spawn, episode):
         offset = line_offset(episode, row, episode.pedestrian_s + WALK_LOOK_AHEAD)
     route = tables.walk, episode.table, row.walk_count, row.walk_step
     speed = 0.0 if waits(episode, settings) or (episode.pedestrian_goal and not settings.walk_on) else speed
@@ -47,9 +50,10 @@ def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
             next_vx, next_vy = walks_then(episode, onset, then)
             return (next_vx - vx) / settings.period, (next_vy - vy) / settings.period, False
     wanted_x, wanted_y = wanted(episode, pace(episode, settings), tables, settings)
-    most = episode.stride if settings.human else WALK_ACCELERATION
+    recorded = as_recorded(settings.spawn, episode)
+    most = episode.stride if recorded else WALK_ACCELERATION
     ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, most, settings.period)
-    return ax, ay, settings.human
+    return ax, ay, recorded
 
 
 @kernel

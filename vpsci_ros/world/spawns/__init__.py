@@ -1,20 +1,37 @@
 """The spawns: where vehicle and pedestrians are as an episode begins, a file for each name in `SPAWNS`.
 
+`mixed` has no file: it is the paper's in even episodes of a scenario and that of right turns in odd ones.
+
 A spawn has three functions of EPISODE records. `begin` draws the vehicle and the first pedestrian and returns the time
 [s] that the car needs to the crossing; `join` draws a further pedestrian, by that time; `put` puts a pedestrian at an
 arc length of its route [m]. The functions here call those of the spawn with index `which`.
 """
 
-from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.config import SPAWNS
 from vpsci_ros.world.spawns import human, paper, right_turns
 
-RIGHT_TURNS, HUMAN = SPAWNS.index("right_turns"), SPAWNS.index("human")
+RIGHT_TURNS, HUMAN, PAPER, MIXED = (SPAWNS.index(name) for name in ("right_turns", "human", "paper", "mixed"))
+
+
+@inlined
+def spawn_of(which, episode):  # type: ignore[no-untyped-def]
+    """Return the index in `SPAWNS` of the spawn by which this EPISODE record begins, which is not `mixed`."""
+    if which != MIXED:
+        return which
+    return PAPER if episode.episode % 2 == 0 else RIGHT_TURNS
+
+
+@inlined
+def as_recorded(which, episode):  # type: ignore[no-untyped-def]
+    """Whether driver and walker of this EPISODE record approach each other as recorded people do."""
+    return spawn_of(which, episode) != PAPER
 
 
 @kernel
 def begin(which, episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
     """Put the vehicle and the first pedestrian where they are at the spawn; return the time to the crossing [s]."""
+    which = spawn_of(which, episode)
     if which == RIGHT_TURNS:
         return right_turns.begin(episode, row, tables, seed, period)
     if which == HUMAN:
@@ -25,6 +42,7 @@ def begin(which, episode, row, tables, seed, period):  # type: ignore[no-untyped
 @kernel
 def join(which, episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped-def]
     """Put a further pedestrian where it is at the spawn; the car of `leader` needs `drives` [s] to the crossing."""
+    which = spawn_of(which, episode)
     if which == RIGHT_TURNS:
         right_turns.join(episode, leader, row, tables, seed, drives)
     elif which == HUMAN:
@@ -36,6 +54,7 @@ def join(which, episode, leader, row, tables, seed, drives):  # type: ignore[no-
 @kernel
 def put(which, episode, row, tables, s):  # type: ignore[no-untyped-def]
     """Put a pedestrian at arc length `s` [m] of its route."""
+    which = spawn_of(which, episode)
     if which == RIGHT_TURNS:
         right_turns.put(episode, row, tables, s)
     elif which == HUMAN:
