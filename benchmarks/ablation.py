@@ -2,7 +2,7 @@
 
     python benchmarks/ablation.py [-o out/ablation] [--arms base updates_1 ...] [--seeds 2]
 
-Stage 1 has 600 iterations, stage 2 has 1,200 episodes of the paper's scenes. Networks are 64 wide with one layer, as in
+Stage 1 has 600 iterations, stage 2 has 1,200 episodes. Networks are 64 wide with one layer, as in
 Table 9. A line for each arm and seed: collisions and both goals in the validation world, the mean of its last two
 measurements (some 140 critical episodes each, on which nothing was chosen), and the closed-loop ADE on held-out clips.
 `front.png` shows all arms. An arm that the output folder holds is not repeated. Some three minutes of a core
@@ -76,12 +76,14 @@ def _plain_clamp() -> AbstractContextManager[Any]:
 
 ARMS = {
     "base": Arm(),
-    **{f"updates_{n}": _learner(updates_per_episode=n, refresh_every=50 * n) for n in (1, 2, 6)},
+    **{f"updates_{n}": _learner(updates_per_episode=n, refresh_every=50 * n) for n in (1, 3, 6)},
     "one_critic": _updates(critics=1),
     "no_target_noise": _updates(target_noise=0.0),
     **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.1, 0.3, 3.0)},
     **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 100.0)},
     "lambda_1e-4": _rewards(weight_temperature=1e-4),
+    "paper_spawn": Arm(settings=("world_simulator.spawn=paper",)),
+    "ten_seconds": Arm(settings=("world_simulator.episode_time=10",)),
     "noise_0.3": Arm(settings=("vehicle_policy.noise.start=0.06", "pedestrian_policy.noise.start=0.06")),
     "undivided_by_value": Arm(patch=lambda: mock.patch.object(maddpg, "LEAST_VALUE", 1.0)),
     "plain_clamp": Arm(patch=_plain_clamp),

@@ -142,7 +142,7 @@ class RefineConfig:
     )
     refresh_every: int = parameter(100, "updates between two refreshes of the policies", low=1, high=1_000_000)
     updates_per_episode: int = parameter(
-        3,
+        2,
         "updates for every episode in which the policies acted, with about seven histories each; Algorithm 1 has one, "
         "perhaps with 256 histories",
         low=1,

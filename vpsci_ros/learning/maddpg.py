@@ -14,10 +14,11 @@ from typing import cast
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.networks import Critics, Networks
+from vpsci_ros.learning.ragged import by_length
 from vpsci_ros.learning.replay import Batch
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
@@ -69,6 +70,17 @@ def importance(error: Tensor, present: Tensor, temperature: float) -> Tensor:
     return omega / (omega.sum() / present.sum())
 
 
+def _encoded(network: nn.Module, batch: Batch, more: int, *inputs: Tensor) -> Tensor:
+    """Return what an actor or an encoder makes of histories and `more` steps after their last one, float32[M, T, n].
+
+    Of recorded steps, float32[M, 1, n]: the last one alone.
+    """
+    if batch.step is not None:
+        out: Tensor = network(*inputs, batch.step + more)
+        return out
+    return by_length(network, inputs, batch.length + more)
+
+
 class Maddpg:
     """Critics, actors and targets with their optimisers.
 
@@ -93,7 +105,7 @@ class Maddpg:
         with torch.set_grad_enabled(gradient):
             for agent in AGENTS:
                 seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent])
-                action = self.networks.actor[agent](seen, before, batch.curvttc[:, :-1], batch.step)
+                action = _encoded(self.networks.actor[agent], batch, 0, seen, before, batch.curvttc[:, :-1])
                 actions[agent] = action.expand(-1, batch.present.shape[1], -1)
         return actions
 
@@ -109,7 +121,7 @@ class Maddpg:
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             before = previous(batch.action[agent])
             encoder = self.networks.critic[agent].encoder
-            encoded = encoder(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1], batch.step)
+            encoded = _encoded(encoder, batch, 0, batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
             for critics in self.networks.critics:
                 critic = cast(Critics, critics)[agent]
                 state = critic.branch(encoded).expand(-1, batch.present.shape[1], -1)
@@ -147,10 +159,9 @@ class Maddpg:
         """
         networks, batch, following = self.networks, scored.batch, {}
         before = {a: torch.cat([torch.zeros_like(x[:, :1]), x], dim=1) for a, x in batch.action.items()}
-        at = None if batch.step is None else batch.step + 1
         for agent in AGENTS:
             actor = networks.target_actor[agent]
-            action = actor(batch.observation[agent], before[agent], batch.curvttc, at)
+            action = _encoded(actor, batch, 1, batch.observation[agent], before[agent], batch.curvttc)
             if deviation := self.config.target_noise:
                 noise = rng.normal(0.0, deviation, tuple(action.shape)).clip(-2.0 * deviation, 2.0 * deviation)
                 action = (action + torch.from_numpy(noise.astype(np.float32))).clamp(-actor.limit, actor.limit)
@@ -159,7 +170,7 @@ class Maddpg:
         goes_on = ~batch.terminal & batch.present[rows, batch.length - 1]
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             encoder, others = networks.target_critic[agent].encoder, self._others(following[other])
-            encoded = encoder(batch.observation[agent], before[agent], batch.curvttc, at)
+            encoded = _encoded(encoder, batch, 1, batch.observation[agent], before[agent], batch.curvttc)
             critics = [cast(Critics, every)[agent] for every in networks.target_critics]
             values = [critic.value(critic.branch(encoded), following[agent], others) for critic in critics]
             value = torch.stack(values).amin(dim=0).expand(-1, batch.present.shape[1] + 1)
