@@ -162,7 +162,7 @@ def graph(rounds: int) -> list[Row]:
             rate, beside = found[name], found[control]
             rows.append(
                 Row(
-                    f"graph: ticks/s, {batch:,} at once, {name}",
+                    f"graph: ticks/s, {batch:,} episode{'s' if batch > 1 else ''}, {name}",
                     f"{rate:,.0f}",
                     f"{control} {beside:,.0f}",
                     rate / beside,
@@ -216,7 +216,7 @@ def learning(_: int) -> list[Row]:
         base = [sys.executable, "-m", "vpsci_ros.cli"]
         short = ["--set", f"learner.episodes={STAGE_1_UPDATES // 100}"]
         cpu, wall = _used([*base, "pretrain", "--quiet", *short, "-o", f"{folder}/1"])
-        what = f"learning: stage 1, reckoned from a hundredth of its {STAGE_1_UPDATES:,} updates"
+        what = f"learning: stage 1, extrapolated from 1% of its {STAGE_1_UPDATES:,} updates"
         found.append(Row(what, f"{cpu * 100:.0f} CPU s, {wall * 100:.0f} s"))
         few_of = ["--set", f"learner.weights={folder}/1/pretrained.safetensors"]
         few = ["--set", f"world_simulator.episodes={FEW_EPISODES}"]
@@ -224,7 +224,7 @@ def learning(_: int) -> list[Row]:
         log = Path(folder, "2", "refine_log.csv").read_text(encoding="utf-8").splitlines()
         updates = float(dict(zip(log[0].split(","), log[-1].split(","), strict=True))["updates"])
         share = STAGE_2_UPDATES / updates
-        what = f"learning: stage 2, reckoned from {updates:.0f} of its {STAGE_2_UPDATES:,} updates"
+        what = f"learning: stage 2, extrapolated from {updates:.0f} of its {STAGE_2_UPDATES:,} updates"
         found.append(Row(what, f"{cpu * share:.0f} CPU s, {wall * share:.0f} s"))
     return found
 
@@ -257,7 +257,7 @@ def measured(name: str, rounds: int) -> list[Row]:
 def page(before: str, rows: list[Row], machine: str, minutes: float) -> str:
     """Return the page with another table, and what is written by hand below it."""
     cells = [(*row[:3], "" if row.ratio is None else f"{row.ratio:.2f}") for row in rows]
-    table = ["| what | ours | beside it | ratio |", "|---|---|---|---|", *(f"| {' | '.join(each)} |" for each in cells)]
+    table = ["| what | ours | control | ratio |", "|---|---|---|---|", *(f"| {' | '.join(each)} |" for each in cells)]
     made = f"{machine}. Taken in {minutes:.0f} minutes.\n\n" + "\n".join(table) + "\n"
     head, begin, rest = before.partition(BEGIN)
     return head + begin + "\n" + made + END + rest.partition(END)[2]
