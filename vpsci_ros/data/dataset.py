@@ -184,7 +184,7 @@ class DatasetWriter:
 
     @property
     def empty(self) -> bool:
-        """Whether no episode came."""
+        """Whether no episode was given to the writer."""
         return not self._records
 
     def close(

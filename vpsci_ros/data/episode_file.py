@@ -74,7 +74,7 @@ def _rows(episodes: Sequence[Episode]) -> pl.DataFrame:
 
 
 def read_episodes(path: Path) -> list[Episode]:
-    """Return the episodes of a file of `write_kept`.
+    """Return the episodes of a file of `write_episodes`.
 
     :raises InvalidInput: it cannot be read, or holds something else.
     """

@@ -347,7 +347,7 @@ def clips_of(table: pl.DataFrame) -> list[str]:
 def split_by_name(
     table: pl.DataFrame, clips: Sequence[str], option: str = "held_out_clips ="
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Split interactions into (training, held out): those of clips whose "source/clip" begins with one of `clips`.
+    """Split interactions into (training, held out); held out are clips whose "source/clip" begins with one of `clips`.
 
     :param option: by which the clips are named, the opening of an error message.
     :raises InvalidInput: no clip begins with one of the names, or every clip is held out.
@@ -375,7 +375,7 @@ def _folders(names: Sequence[str], most: int = 8) -> str:
 
 
 def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Split interactions into the others and those of these clips, (source, clip) each."""
+    """Split interactions into (training, held out); `held` names the held-out clips, (source, clip) each."""
     keys, on = pl.DataFrame(held, schema={"source": pl.String, "clip": pl.String}, orient="row"), ["source", "clip"]
     return table.join(keys, on=on, how="anti", maintain_order="left"), table.join(
         keys, on=on, how="semi", maintain_order="left"

@@ -35,7 +35,7 @@ _YAW_WINDOW = 4  # steps back over which the causal yaw rate is a slope
 
 
 def trailing_slope(values: Floats, window: int = _YAW_WINDOW) -> Floats:
-    """Rate of change [1/s] of values on the 0.1 s grid as known at each step: a least-squares line back from it.
+    """Return the slope [1/s] of values on the 0.1 s grid at each step: a least-squares line through it and steps before.
 
     :param values: float64[T]; window: steps back that the line spans, fewer where there are fewer.
     """
@@ -48,7 +48,7 @@ def trailing_slope(values: Floats, window: int = _YAW_WINDOW) -> Floats:
 
 
 def causal_curvttc(columns: Mapping[str, Floats], yaw_rate: Floats, length: float, width: float) -> Floats:
-    """CurvTTC [s], float64[T], of one pair with a yaw rate [rad/s] that looks back alone (`trailing_slope`).
+    """Return CurvTTC [s], float64[T], of one pair, by a yaw rate [rad/s] that uses no later step (`trailing_slope`).
 
     :param columns: veh_x, veh_y, veh_heading, veh_speed, ped_x, ped_y, ped_vx, ped_vy, float64[T] each.
     """
@@ -86,7 +86,7 @@ def paths_apart(columns: Mapping[str, Floats]) -> bool:
 
 
 def with_apart(table: pl.DataFrame) -> pl.DataFrame:
-    """Return a near-miss table with the flag `apart` worked out from its rows."""
+    """Return a near-miss table with the flag `apart`, computed from its rows."""
     columns = {name: table[name].to_numpy() for name in ("veh_x", "veh_y", "ped_x", "ped_y")}
     lengths = table["interaction"].rle().struct.field("len").to_numpy()
     ends = np.cumsum(lengths)
@@ -96,7 +96,7 @@ def with_apart(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def with_reference(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]]) -> pl.DataFrame:
-    """Return a near-miss table with `curvttc_causal` and the flags but `apart` worked out from its rows.
+    """Return a near-miss table with `curvttc_causal` and all flags except `apart`, computed from its rows.
 
     :param sizes: source -> length and width of its vehicles [m]; other sources have the default vehicle's.
     """

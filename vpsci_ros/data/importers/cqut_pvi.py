@@ -247,7 +247,7 @@ def smoothed(place: Floats, step: float, cutoff: float = CUTOFF) -> tuple[Floats
 
 
 def way_heading(x: Floats, y: Floats) -> Floats:
-    """Return headings [rad], unwrapped: the direction from 0.75 m of way before a place to 0.75 m after it.
+    """Return headings [rad], unwrapped: the direction from 0.75 m before a position on the path to 0.75 m after it.
 
     Where the way begins or ends sooner, from or to there. A vehicle that stands keeps its place on the way, and so its
     heading.

@@ -258,7 +258,7 @@ def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl
 
 
 def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
-    """Return of each step between neighbouring rows of a road user: dx, dy [m], seconds, and all columns before it."""
+    """Return the rows of road users with dx, dy [m] and seconds to the next row; each last row is left out."""
     ahead = {f"d{name}": pl.col(name).shift(-1).over("id") - pl.col(name) for name in ("x", "y")}
     seconds = (pl.col("frame").shift(-1).over("id") - pl.col("frame")) / rate
     return tracks.with_columns(**ahead, seconds=seconds).drop_nulls()

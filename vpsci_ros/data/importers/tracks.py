@@ -149,7 +149,7 @@ def read_text(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.Da
 
 
 def require_short_line(data: bytes, path: Path) -> None:
-    """Refuse a table whose first line has more than `LONGEST_LINE` bytes: it is no table of tracks, or of one line."""
+    """Refuse a file whose first line has more than `LONGEST_LINE` bytes: it is no table, or has no line breaks."""
     end = data.find(b"\n")
     if (length := end if end >= 0 else len(data)) > LONGEST_LINE:
         raise InvalidInput(
@@ -175,7 +175,7 @@ def spaces(table: pl.DataFrame, frame_rate: float) -> pl.DataFrame:
 
 
 def spacing(table: pl.DataFrame, frame_rate: float) -> float:
-    """Return the time from one row of a road user to the next [s]: the median of its rows, of all of them the median.
+    """Return the time between two rows of a road user [s]: the median over road users of the median of each.
 
     0 where no road user has two rows.
     """
@@ -184,7 +184,7 @@ def spacing(table: pl.DataFrame, frame_rate: float) -> float:
 
 
 def longest_gap(table: pl.DataFrame, frame_rate: float, path: Path) -> float:
-    """Return the time between two rows [s] beyond which a track is cut: `MAX_GAP`, or what the rows' own rate says.
+    """Return the time between two rows [s] beyond which a track is cut: `MAX_GAP`, or more if the rows are sparse.
 
     :raises InvalidInput: rows are further apart than `SPARSEST`.
     """
