@@ -61,7 +61,7 @@ class BagTopic:
 
 @dataclass
 class BagFile:
-    """One file of a bag: its name, and what `metadata.yaml` says of it; times are log times [ns]."""
+    """One file of a bag: its name, and its entries in `metadata.yaml`; times are log times [ns]."""
 
     name: str
     first: int = 2**63 - 1
