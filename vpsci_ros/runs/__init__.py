@@ -1,1 +1,1 @@
-"""A run: its parameters, folder, record, whole files and progress."""
+"""A run: its parameters, folder, record, atomic file writes and progress."""

@@ -60,7 +60,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 
 def require_writable(path: Path) -> None:
-    """Refuse a path where `atomic_write` could not write a file, or would put one in the place of something else.
+    """Refuse a path where `atomic_write` could not write a file, or would replace something that is no file.
 
     :raises InvalidInput: the parent folder does not exist; the path names a folder, a pipe, a device or a socket, or
         leads to an open file of a process, as /dev/stdout does.

@@ -28,7 +28,7 @@ Job = Callable[[], Callable[[Unit], Result]]
 
 
 class Serial(Generic[Unit, Result]):
-    """Does units in this process, one in each `collect`."""
+    """Computes units in this process, one in each `collect`."""
 
     size = 1
 
@@ -41,17 +41,17 @@ class Serial(Generic[Unit, Result]):
         self._units.append(unit)
 
     def collect(self) -> list[tuple[Unit, Result]]:
-        """Do the next unit of the queue."""
+        """Compute the next unit of the queue."""
         unit = self._units.popleft()
         return [(unit, self._do(unit))]
 
     def close(self) -> None:
-        """Forget the queue."""
+        """Discard the queue."""
         self._units.clear()
 
 
 class Processes(Generic[Unit, Result]):
-    """Does units in `size` processes of this machine.
+    """Computes units in `size` processes of this machine.
 
     Each process has a connection of its own, of which this process holds one end alone: what a process that dies
     (killed, out of memory) was writing ends there, so that nobody waits for the rest. Another one is started in its
