@@ -55,7 +55,7 @@ def fitted(steps: int, back: int, ahead: int, *, slope: bool = False) -> Floats:
 
 
 def smoothed(path: Floats) -> Floats:
-    """Return positions [..., T, 2] with a line through 0.9 s in place of each, at the ends the first and last line."""
+    """Return positions [..., T, 2], each on a line fitted to 0.9 s around it; at the ends on the first or last one."""
     result: Floats = np.einsum("st,...tc->...sc", fitted(path.shape[-2], 4, 4), path)
     return result
 
