@@ -48,7 +48,7 @@ def read_start(data: bytes, where: str) -> tuple[WireHeader, int, int]:
 
 
 def write_start(header: WireHeader, tick: int) -> bytes:
-    """Return the bytes from the encapsulation to the tick."""
+    """Return the first bytes of a message: encapsulation, header and tick."""
     return padded(with_header(LITTLE_ENDIAN + b"\0\0", header), 8) + _TICK.pack(tick)
 
 
