@@ -29,7 +29,7 @@ _REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _
 
 
 def shown(value: Any) -> str:
-    """Return a value for an error message: its `repr`, at most some lines of it whatever it holds."""
+    """Return a value for an error message: its `repr`, cut to a few lines."""
     try:
         return _REPR.repr(value)
     except ValueError:  # a number of more digits than Python writes out
@@ -43,7 +43,7 @@ def listed(names: Iterable[object], most: int = 8) -> str:
 
 
 def given_names(text: str, where: str) -> list[str]:
-    """Return the names of a list with commas; none where the text is empty.
+    """Return the names in a comma-separated text, in order; an empty text has none.
 
     :raises InvalidInput: the text holds no name, or nothing between two commas; `where` opens the message.
     """
