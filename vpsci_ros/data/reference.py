@@ -35,7 +35,7 @@ _YAW_WINDOW = 4  # steps back over which the causal yaw rate is a slope
 
 
 def trailing_slope(values: Floats, window: int = _YAW_WINDOW) -> Floats:
-    """Return the slope [1/s] of values on the 0.1 s grid at each step: a least-squares line through it and steps before.
+    """Return the slope [1/s] of values on the 0.1 s grid at each step: a least-squares line through the last steps.
 
     :param values: float64[T]; window: steps back that the line spans, fewer where there are fewer.
     """
