@@ -1,4 +1,4 @@
-"""Exploration noise (16), a pure function of (seed, scenario, episode, step, agent): a run explores the same again.
+"""Exploration noise (16), a pure function of (seed, scenario, episode, step, agent): repeated runs have equal noise.
 
 The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distribution. Here:
 

@@ -27,12 +27,12 @@ Floats = NDArray[np.float64]
 
 
 def onsets_of(moments: Floats) -> Floats:
-    """Return `QUANTITIES` of moments, float64[n, 7] -> float64[n, 4]; see `vpsci_ros.policy.bank.moments_of`."""
+    """Return `QUANTITIES` of situations, float64[n, 7] -> float64[n, 4]; see `vpsci_ros.policy.bank.moments_of`."""
     return _quantities(moments[:, 0], moments[:, 3:5], np.ones((len(moments), 1)) * (1.0, 0.0), moments[:, 5:7])
 
 
 def onsets_in(vehicle: NDArray[Any], velocity: NDArray[Any], place: NDArray[Any], walk: NDArray[Any]) -> Floats:
-    """Return `QUANTITIES` of places and velocities in the map frame, float[n, 2] each [m, m/s] -> float64[n, 4]."""
+    """Return `QUANTITIES` of positions and velocities in the map frame, float[n, 2] each [m, m/s] -> float64[n, 4]."""
     velocity, walk = np.asarray(velocity, np.float64), np.asarray(walk, np.float64)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     return _quantities(speed, np.asarray(place, np.float64) - vehicle, velocity, walk)

@@ -1,4 +1,4 @@
-"""The tensors that a configuration calls for: name -> shape; the SST's without torch."""
+"""Names and shapes of the tensors of a configuration; those of the SST without torch."""
 
 import importlib
 import itertools

@@ -85,7 +85,7 @@ class SSTLayer(EncoderLayer):
         return self._output(x, h, h, risks, torch.arange(x.shape[1])[None])
 
     def at(self, x: Tensor, risks: Tensor, step: Tensor) -> Tensor:
-        """See `EncoderLayer.at`; of the steps before, states and keys alone are computed."""
+        """See `EncoderLayer.at`; for earlier steps only states and keys are computed."""
         h = self._states(x)
         return self._output(entry(x, step), entry(h, step), h, risks, step[:, None])
 

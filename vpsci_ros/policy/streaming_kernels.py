@@ -213,7 +213,7 @@ def step_slots(  # type: ignore[no-untyped-def]
     action,
     out,
 ):
-    """Take `slots.size` rows one step further, as many at once as `work` has room for, so that they stay in the cache.
+    """Advance `slots.size` rows by one step, in blocks of the size of `work`, so that a block stays in the cache.
 
     :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
         the network has it, risk; risks: float32[n].

@@ -41,7 +41,7 @@ def line_offset(episode, row, s):  # type: ignore[no-untyped-def]
 
 @kernel
 def bend_speed(episode, row, tables, s):  # type: ignore[no-untyped-def]
-    """Return the speed [m/s] at which this driver takes the lane at arc length `s` [m], or brakes into its bend."""
+    """Return the speed [m/s] of this driver at arc length `s` [m] of the lane, in a bend or braking before it."""
     sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
     return math.sqrt(episode.lateral_comfort) * tables.turning_speed[episode.table, sample]
 

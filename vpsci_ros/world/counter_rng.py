@@ -55,7 +55,7 @@ def philox(
 
 @inlined
 def draw(episode, seed, stream, block):  # type: ignore[no-untyped-def]
-    """Return the four uint64 of an EPISODE record's pedestrian; those of pedestrian 0 are the driver's, too.
+    """Return four random uint64 for the pedestrian of an EPISODE record; the driver uses those of pedestrian 0.
 
     Inlined, for numba would compile it for each pair of constants that it is called with.
     """

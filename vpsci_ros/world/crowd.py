@@ -158,7 +158,7 @@ def crowded(state, first, row):  # type: ignore[no-untyped-def]
 
 @kernel
 def share_vehicle(leader, episode):  # type: ignore[no-untyped-def]
-    """Make the vehicle of an EPISODE record that of the episode's first, `leader`, its driver included."""
+    """Copy vehicle and driver of the episode's first EPISODE record, `leader`, into another record of the episode."""
     episode.cruise_throttle, episode.meeting_s = leader.cruise_throttle, leader.meeting_s
     episode.driver_onset, episode.approach_pace = leader.driver_onset, leader.approach_pace
     episode.approach_acceleration, episode.approach_phase = leader.approach_acceleration, leader.approach_phase
@@ -170,7 +170,7 @@ def share_vehicle(leader, episode):  # type: ignore[no-untyped-def]
 
 @kernel
 def share_motion(leader, episode):  # type: ignore[no-untyped-def]
-    """Give an EPISODE record the place and motion of the vehicle of the episode's first, `leader`."""
+    """Copy the vehicle's position and motion of the episode's first EPISODE record, `leader`, into another record."""
     episode.vehicle_x, episode.vehicle_y = leader.vehicle_x, leader.vehicle_y
     episode.vehicle_heading, episode.vehicle_speed = leader.vehicle_heading, leader.vehicle_speed
     episode.vehicle_curvature, episode.vehicle_acceleration = leader.vehicle_curvature, leader.vehicle_acceleration

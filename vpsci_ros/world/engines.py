@@ -10,7 +10,7 @@ from vpsci_ros.world.world import World
 
 
 def require_own(engine: str, what: str) -> None:
-    """Refuse another engine than our kinematics where `what` simulates in its own process.
+    """Refuse an engine other than this package's kinematics for `what`, which simulates in its own process.
 
     :raises InvalidInput: another engine is chosen.
     """

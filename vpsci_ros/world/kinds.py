@@ -1,4 +1,4 @@
-"""Kinds of pedestrian: walking speed, firmness at setting off, and reaction.
+"""Kinds of pedestrian: walking speed, acceleration when it sets off, and reaction.
 
 An adult acts as its policy does. The other kinds differ by the numbers below; docs/world.md names the source of each
 and which are assumed. Draws of the kind have a stream of their own, so adults are bit-identical to pedestrians without

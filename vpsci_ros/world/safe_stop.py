@@ -58,7 +58,7 @@ class ExternalDriver:
         return self.real_time or self._fresh or (self._given_up and not self.present())
 
     def begin(self, tick: Tick, *, running: bool = True) -> None:
-        """Begin a tick; in lock-step, the last one's command is forgotten.
+        """Begin a tick; in lock-step, the command of the last tick is dropped.
 
         :param running: whether an episode runs; an answer to a tick without one is neither used nor counted.
         """

@@ -144,7 +144,7 @@ def own_documents(scenarios: Iterable[Scenario]) -> dict[str, Any]:
 
 
 def every_scenario(own: Mapping[str, Any] | None = None, where: str = "") -> list[Scenario]:
-    """Return the package's scenarios and those of `own_documents`, which come from `where`.
+    """Return the package's scenarios and those of `own_documents`; `where` opens error messages.
 
     :raises InvalidInput: a document is damaged.
     """
@@ -158,7 +158,7 @@ def shipped_scenarios() -> tuple[Scenario, ...]:
 
 
 def own_scenarios(own: Mapping[str, Any] | None, where: str = "") -> list[Scenario]:
-    """Return those of `own_documents`, which come from `where`.
+    """Return the scenarios of `own_documents`; `where` opens error messages.
 
     :raises InvalidInput: a document is damaged.
     """

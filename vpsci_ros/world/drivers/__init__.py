@@ -1,4 +1,4 @@
-"""The drivers: what each makes of a record, a file for each name in `VEHICLE_DRIVERS` and `PEDESTRIAN_DRIVERS`.
+"""The drivers, which compute controls from records: a file for each of `VEHICLE_DRIVERS` and `PEDESTRIAN_DRIVERS`.
 
 A driver has a function `vehicle`, which returns (steer, throttle, brake), or `pedestrian`, which returns an
 acceleration (ax, ay) [m/s2] in the map frame, or both; those of `replay` move the agent themselves. `walker` is the

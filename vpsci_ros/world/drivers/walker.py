@@ -1,4 +1,4 @@
-"""The walker: follows its route at its speed, whatever comes.
+"""The walker: follows its route at its speed and does not react.
 
 With a spawn of people it walks as a recorded pedestrian: as recorded until the onset, then along its own line.
 """
@@ -41,7 +41,7 @@ def wanted(episode, speed, tables, settings):  # type: ignore[no-untyped-def]
 
 @inlined
 def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] that the walker intends, and whether it keeps to its jerk."""
+    """Return the acceleration (ax, ay) [m/s2] that the walker intends, and whether the limit of its jerk applies."""
     vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
     then = (episode.frame + 1) * settings.period
     if episode.walker_onset:

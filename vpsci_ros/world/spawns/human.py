@@ -129,7 +129,7 @@ def _meet(episode, row, meeting, onset, speed):  # type: ignore[no-untyped-def]
 
 @kernel
 def cross(episode, row, tables, offset, oblique):  # type: ignore[no-untyped-def]
-    """Set the walker's line, `oblique` [m/m] along with the car, and where it crosses the lane."""
+    """Set the walker's line: its slope `oblique` [m/m] in the car's direction, and where it crosses the lane."""
     lane = tables.lane, episode.table, row.lane_count, row.lane_step
     x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, row.conflict)
     s = nearest(*lane, x - offset * uy, y + offset * ux)
