@@ -6,6 +6,7 @@ tools/beside.py DATASET docs/beside.png [--data right_turns/dev] [--episodes 200
 
 import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -28,6 +29,19 @@ BEFORE, AFTER = 10, 50  # steps around the onset that are drawn: 1 s and 5 s
 HALF = 14.0  # [m] half a panel's width
 
 
+class View(NamedTuple):
+    """How an interaction is drawn: `centre` [m] as origin, turned by `angle` [rad], so that the vehicle heads up."""
+
+    centre: NDArray[np.float64]
+    angle: float
+
+    def place(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points of the map, float64[..., 2] [m], in the coordinates of the drawing."""
+        cos, sin = np.cos(self.angle), np.sin(self.angle)
+        placed: NDArray[np.float64] = (points - self.centre) @ np.array([[cos, sin], [-sin, cos]])
+        return placed
+
+
 def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Path, seed: int = 0) -> None:
     """Draw `EACH` interactions of either table, chosen at random, and write a PNG, whole or not at all.
 
@@ -42,7 +56,7 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
     for part, (name, table) in zip(halves, (("recorded", recorded), ("generated", generated)), strict=True):
         part.suptitle(f"{name}, {EACH} at random", fontsize=12)
         axes = part.subplots(rows, COLUMNS, squeeze=False)
-        episodes = draw_at_random(table, name, seed)
+        episodes = [episode for episode, _ in draw_at_random(table, name, seed)]
         for axis, one in zip(axes.flat, episodes, strict=False):
             draw_episode(axis, f"least CurvTTC {one.least_curvttc:.1f} s", one)
             axis.set_xlim(-HALF, HALF)
@@ -54,8 +68,8 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
     save_png(figure, path, 100)
 
 
-def draw_at_random(table: pl.DataFrame, name: str, seed: int, count: int = EACH) -> list[Episode]:
-    """Return up to `count` interactions, drawn at random, each around its onset, at which the vehicle heads up.
+def draw_at_random(table: pl.DataFrame, name: str, seed: int, count: int = EACH) -> list[tuple[Episode, View]]:
+    """Return up to `count` interactions, drawn at random, each around its onset and in its view.
 
     :param name: of the table, for the error and the draw.
     :raises InvalidInput: the table has no interaction with an onset.
@@ -66,30 +80,24 @@ def draw_at_random(table: pl.DataFrame, name: str, seed: int, count: int = EACH)
     if not parts:
         raise InvalidInput(f"{name}: expected an interaction with CurvTTC below {CRITICAL_TTC:g} s, got none")
     chosen = np.random.default_rng([seed, len(name)]).permutation(len(parts))[:count]
-    return [_turned_up(parts[i]) for i in chosen]
+    return [_around_onset(parts[i]) for i in chosen]
 
 
-def _turned_up(whole: pl.DataFrame) -> Episode:
-    """Return an interaction around its onset, at which the vehicle heads up; without its street and its distances."""
+def _around_onset(whole: pl.DataFrame) -> tuple[Episode, View]:
+    """Return an interaction around its onset, without its street and its distances, and the view that it is in."""
     onset = int((whole["curvttc_causal"].to_numpy() < CRITICAL_TTC).argmax())
     part = whole[max(0, onset - BEFORE) : onset + AFTER + 1]
     at = min(onset, BEFORE)
     vehicle, walk, walking = (part.select(f"{name}x", f"{name}y").to_numpy() for name in ("veh_", "ped_", "ped_v"))
-    turn = 0.5 * np.pi - float(part["veh_heading"][at])
-    centre = 0.5 * (vehicle[at] + walk[at])
-    x, y = _turned(vehicle - centre, turn).T
-    px, py, vx, vy = (column[None] for column in (*_turned(walk - centre, turn).T, *_turned(walking, turn).T))
+    view = View(0.5 * (vehicle[at] + walk[at]), 0.5 * np.pi - float(part["veh_heading"][at]))
+    x, y = view.place(vehicle).T
+    turn = view._replace(centre=np.zeros(2))
+    px, py, vx, vy = (column[None] for column in (*view.place(walk).T, *turn.place(walking).T))
     ttc = part["curvttc_causal"].to_numpy()[None]
-    listed = Listed("", "", 0, int(part["interaction"][0]), RECORDED, float(ttc.min()))
-    driven = x, y, part["veh_heading"].to_numpy() + turn, part["veh_speed"].to_numpy(), np.zeros(len(x))
+    listed = Listed("", str(part["clip"][0]), 0, int(part["interaction"][0]), RECORDED, float(ttc.min()))
+    driven = x, y, part["veh_heading"].to_numpy() + view.angle, part["veh_speed"].to_numpy(), np.zeros(len(x))
     walked = px, py, vx, vy, ttc, np.full_like(ttc, np.nan)
-    return Episode("", listed, None, STEP, *driven, *walked, np.zeros(ttc.shape, np.bool_))
-
-
-def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    cos, sin = np.cos(angle), np.sin(angle)
-    turned: NDArray[np.float64] = points @ np.array([[cos, sin], [-sin, cos]])
-    return turned
+    return Episode("", listed, None, STEP, *driven, *walked, np.zeros(ttc.shape, np.bool_)), view
 
 
 def main() -> None:
