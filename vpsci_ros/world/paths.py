@@ -129,7 +129,7 @@ def line_at(points, row, count, step, s):  # type: ignore[no-untyped-def]
 
 @kernel
 def project(points, row, count, step, x, y, near):  # type: ignore[no-untyped-def]
-    """Return (arc length, distance to the left) [m] of (x, y) at the first nearest place found from `near` on."""
+    """Return (arc length, distance to the left) [m] of (x, y) at the nearest place around arc length `near`."""
     i = min(max(int(math.floor(near / step)), 0), count - 2)
     came = 0
     while True:
