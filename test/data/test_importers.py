@@ -17,7 +17,7 @@ from vpsci_ros.data.importers.summary import require_near_misses
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
 from vpsci_ros.data.importers.vci import VCI_DUT
 from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses
-from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, paths_apart, trailing_slope
+from vpsci_ros.data.reference import AFTER, BEFORE, FLAG_RULES, around_critical, clean, paths_apart, trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.make_bank import bank_of_tables
 
@@ -201,12 +201,17 @@ def test_headings_are_unwrapped_before_they_are_interpolated() -> None:
 
 
 def test_near_misses_say_what_they_are_no_example_of() -> None:
+    def flags(ttc: np.ndarray, speed: np.ndarray) -> dict[str, bool]:
+        rows = pl.DataFrame({"interaction": 0, "curvttc": ttc, "veh_speed": speed}).with_columns(**FLAG_RULES)
+        (found,) = rows.select(list(FLAG_RULES)).unique().iter_rows(named=True)  # one value an interaction
+        return found
+
     ttc, moving = np.array([np.inf, 9.0, 7.0, 4.9, 3.0, 6.0]), np.full(6, 4.0)
     assert flags(ttc, moving) == {"standing": False, "begins_critical": False, "contact": False}
     stops_later, stands = np.array([4.0, 4.0, 4.0, 4.0, 0.0, 0.0]), np.array([4.0, 2.0, 1.0, 0.4, 0.4, 4.0])
     assert not flags(ttc, stops_later)["standing"]
     assert flags(ttc, stands)["standing"]
-    assert flags(ttc[1:], moving)["begins_critical"]  # two steps before the first critical one
+    assert flags(ttc[1:], moving[1:])["begins_critical"]  # two steps before the first critical one
     assert flags(np.append(ttc, 0.0), np.append(moving, 4.0))["contact"]
 
 

@@ -245,6 +245,13 @@ def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
 
     :param standing: speed [m/s] up to which a velocity has no direction; NaN where it never has one.
     """
-    moving = np.hypot(vx, vy) > standing
-    found = np.unwrap(filled(np.where(moving, np.arctan2(vy, vx), np.nan)), axis=-1)
-    return np.where(moving.any(axis=-1, keepdims=True), found, np.nan)
+    return directions(np.arctan2(vy, vx), np.hypot(vx, vy) > standing)
+
+
+def directions(angle: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Return angles, float64[..., T] [rad], unwrapped; an unknown one is the last known one, or else the first.
+
+    :param known: bool[..., T]; NaN where none is.
+    """
+    found = np.unwrap(filled(np.where(known, angle, np.nan)), axis=-1)
+    return np.where(known.any(axis=-1, keepdims=True), found, np.nan)

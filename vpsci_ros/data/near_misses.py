@@ -17,11 +17,11 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
-from vpsci_ros.data.reference import AFTER, with_apart, with_reference
+from vpsci_ros.data.reference import AFTER, completed
 from vpsci_ros.documents import listed, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
-from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
 NEAR_MISS_COLUMNS: dict[str, Column] = {
@@ -87,7 +87,8 @@ def read_near_misses(name: str | Path) -> pl.DataFrame:
             "whole tracks",
             stacklevel=2,
         )
-    return _of_part(check_near_misses(table, str(path), _sizes(path)), part, path)
+    sizes = {} if set(_SIZES) <= set(table.columns) else _sizes(path)
+    return _of_part(check_near_misses(table, str(path), sizes), part, path)
 
 
 def _of_part(table: pl.DataFrame, part: str, path: Path) -> pl.DataFrame:
@@ -161,37 +162,7 @@ def check_near_misses(
         _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
     _check_order(table, where, given)
     _check_motion(table, where)
-    if not set(WORKED_OUT) <= set(given):
-        worked_out = with_reference(table, sizes or {})
-        table = worked_out.with_columns(table[name] for name in WORKED_OUT if name in given)
-    if not set(DERIVED) <= set(given):
-        derived = with_apart(_with_sizes(with_groups(table), sizes or {}))
-        table = derived.with_columns(table[name] for name in DERIVED if name in given)
-    return table.select(list(NEAR_MISS_COLUMNS))
-
-
-def with_groups(table: pl.DataFrame) -> pl.DataFrame:
-    """Return a near-miss table with the column `group`, numbered from 0 in the order of its rows.
-
-    Interactions of one vehicle of one clip that have a step in common, or are linked by others that have, are a group:
-    one vehicle met several pedestrians at once, so that they say less than as many vehicles would.
-    """
-    vehicle, time = ["source", "clip", "veh_id"], pl.col("time")
-    spans = table.group_by("interaction", *vehicle, maintain_order=True).agg(begin=time.min(), end=time.max())
-    spans = spans.with_row_index("place").sort(*vehicle, "begin", maintain_order=True)
-    before = pl.col("end").cum_max().shift(1).over(vehicle)
-    spans = spans.with_columns(group=(pl.col("begin") > before).fill_null(True).cum_sum())
-    first = pl.col("place").min().over("group").rank("dense").cast(pl.Int64) - 1
-    numbers = spans.select("interaction", group=first)
-    return table.drop("group", strict=False).join(numbers, on="interaction", how="left", maintain_order="left")
-
-
-def _with_sizes(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]]) -> pl.DataFrame:
-    """Return a near-miss table with the ids that it has as names, and with the sizes of vehicles of each source."""
-    own = [sizes.get(source, (VEHICLE_LENGTH, VEHICLE_WIDTH)) for source in table["source"]]
-    side = {name: pl.Series([size[i] for size in own], dtype=pl.Float64) for i, name in enumerate(_SIZES)}
-    names = {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
-    return table.with_columns(**names, **side)
+    return completed(table, sizes).select(list(NEAR_MISS_COLUMNS))
 
 
 _EXPECTED = {

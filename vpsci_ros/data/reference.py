@@ -1,4 +1,4 @@
-"""Flags of near misses, and the rows around their critical steps.
+"""Columns that follow from the other columns of a near-miss table, and the rows around critical steps.
 
 A near-miss table keeps the whole joint track of a pair. Four flags say what an interaction cannot be an example of: a
 car that stands does not drive into anybody; a track that begins critical has no onset and no approach; a contact
@@ -31,7 +31,24 @@ BEFORE = 10  # steps before the first critical one that learning takes
 AFTER = 10  # steps after the last critical one that learning takes
 _STATE = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx", "ped_vy")
 _BLOCK = 512  # steps of one path in each block of distances to the other path
+_SIZES = ("veh_length", "veh_width")
 _YAW_WINDOW = 4  # steps back over which the causal yaw rate is a slope
+_FIRST = (pl.col("curvttc") < CRITICAL_TTC).arg_max()  # the first critical row of an interaction
+FLAG_RULES = {
+    "standing": (pl.col("veh_speed").get(_FIRST) < STANDING_SPEED).over("interaction"),
+    "begins_critical": (_FIRST < LEAST_BEFORE).over("interaction"),
+    "contact": (pl.col("curvttc").min() <= 0.0).over("interaction"),
+}
+
+
+def slopes(values: Floats, span: int) -> Floats:
+    """Rate of change [1/s] of each `span` + 1 neighbouring values on the 0.1 s grid: a least-squares line.
+
+    :param values: float64[T], more than `span`.
+    :returns: float64[T - span], the first of the values 0 to `span`.
+    """
+    offsets = np.arange(span + 1) - 0.5 * span
+    return np.correlate(values, offsets / (STEP * float(offsets @ offsets)), "valid")
 
 
 def trailing_slope(values: Floats, window: int = _YAW_WINDOW) -> Floats:
@@ -41,35 +58,59 @@ def trailing_slope(values: Floats, window: int = _YAW_WINDOW) -> Floats:
     """
     out = np.zeros(len(values))
     for span in range(1, min(window, len(values) - 1) + 1):
-        offsets = np.arange(span + 1) - 0.5 * span
-        slopes = np.correlate(values, offsets / (STEP * float(offsets @ offsets)), "valid")
-        out[span:] = slopes
+        out[span:] = slopes(values, span)
     return out
 
 
-def causal_curvttc(columns: Mapping[str, Floats], yaw_rate: Floats, length: float, width: float) -> Floats:
-    """Return CurvTTC [s], float64[T], of one pair, by a yaw rate [rad/s] that uses no later step (`trailing_slope`).
+def curvttc_of(
+    columns: Mapping[str, Floats], yaw_rate: Floats, length: float | Floats, width: float | Floats
+) -> Floats:
+    """Return CurvTTC [s], float64[T], of rows of a near-miss table, for a yaw rate [rad/s] at each of them.
 
     :param columns: veh_x, veh_y, veh_heading, veh_speed, ped_x, ped_y, ped_vx, ped_vy, float64[T] each.
+    :param length, width: of the vehicle [m], one for all rows or float64[T].
     """
     x, y, heading, speed, *pedestrian = (columns[name] for name in _STATE)
-    curvature = curvature_from_yaw_rate(yaw_rate, speed)
-    px, py, vx, vy = pedestrian
-    state = (x, y, heading, speed, curvature, px, py, vx, vy)
-    return curvttc(*state, length=length, width=width, radius=PEDESTRIAN_RADIUS)
+    vehicle = x, y, heading, speed, curvature_from_yaw_rate(yaw_rate, speed)
+    return curvttc(*vehicle, *pedestrian, length=length, width=width, radius=PEDESTRIAN_RADIUS)
 
 
-def flags(ttc: Floats, speed: Floats) -> dict[str, bool]:
-    """Return `standing`, `begins_critical` and `contact` of one interaction.
+def completed(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]] | None = None) -> pl.DataFrame:
+    """Return a near-miss table with all columns that follow from its other ones; a column that it has stays as it is.
 
-    :param ttc: float64[T] [s], below 5 s at some step; speed: of the vehicle, float64[T] [m/s].
+    :param table: the rows of an interaction lie together.
+    :param sizes: source -> length and width of its vehicles [m]; other sources have the default vehicle's.
     """
-    first = int(np.argmax(ttc < CRITICAL_TTC))
-    return {
-        "standing": bool(speed[first] < STANDING_SPEED),
-        "begins_critical": first < LEAST_BEFORE,
-        "contact": bool(ttc.min() <= 0.0),
-    }
+    for i, name in enumerate(_SIZES):
+        if name not in table.columns:
+            known = [(sizes or {}).get(source, (VEHICLE_LENGTH, VEHICLE_WIDTH))[i] for source in table["source"]]
+            table = table.with_columns(pl.Series(name, known, pl.Float64))
+    rules = FLAG_RULES | {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
+    table = table.with_columns(**{name: rule for name, rule in rules.items() if name not in table.columns})
+    for name, work_out in (("curvttc_causal", _causal), ("apart", _apart), ("group", _groups)):
+        if name not in table.columns:
+            table = table.with_columns(work_out(table).alias(name))
+    return table
+
+
+def _causal(table: pl.DataFrame) -> pl.Series:
+    columns = {name: table[name].cast(pl.Float64).to_numpy() for name in (*_STATE, *_SIZES)}
+    yaw_rate = np.concatenate([trailing_slope(columns["veh_heading"][part]) for part in _parts(table)])
+    return pl.Series(curvttc_of(columns, yaw_rate, columns["veh_length"], columns["veh_width"]))
+
+
+def _apart(table: pl.DataFrame) -> pl.Series:
+    columns = {name: table[name].to_numpy() for name in ("veh_x", "veh_y", "ped_x", "ped_y")}
+    apart = np.zeros(table.height, np.bool_)
+    for part in _parts(table):
+        apart[part] = paths_apart({name: column[part] for name, column in columns.items()})
+    return pl.Series(apart)
+
+
+def _parts(table: pl.DataFrame) -> list[slice]:
+    """Return the rows of each interaction."""
+    lengths = table["interaction"].rle().struct.field("len").to_list()
+    return [slice(end - length, end) for length, end in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
 
 
 def paths_apart(columns: Mapping[str, Floats]) -> bool:
@@ -85,29 +126,20 @@ def paths_apart(columns: Mapping[str, Floats]) -> bool:
     return True
 
 
-def with_apart(table: pl.DataFrame) -> pl.DataFrame:
-    """Return a near-miss table with the flag `apart`, computed from its rows."""
-    columns = {name: table[name].to_numpy() for name in ("veh_x", "veh_y", "ped_x", "ped_y")}
-    lengths = table["interaction"].rle().struct.field("len").to_numpy()
-    ends = np.cumsum(lengths)
-    parts = (slice(end - length, end) for length, end in zip(lengths, ends, strict=True))
-    values = [paths_apart({name: column[part] for name, column in columns.items()}) for part in parts]
-    return table.with_columns(apart=pl.Series(np.repeat(np.array(values, np.bool_), lengths), dtype=pl.Boolean))
+def _groups(table: pl.DataFrame) -> pl.Series:
+    """Return the number of each row's group, from 0 in the order of rows.
 
-
-def with_reference(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]]) -> pl.DataFrame:
-    """Return a near-miss table with `curvttc_causal` and all flags except `apart`, computed from its rows.
-
-    :param sizes: source -> length and width of its vehicles [m]; other sources have the default vehicle's.
+    Interactions of one vehicle of one clip that have a step in common, or are linked by others that have, are a group:
+    one vehicle met several pedestrians at once, so that they say less than as many vehicles would.
     """
-    parts = []
-    for part in table.partition_by("interaction", maintain_order=True):
-        columns = {name: part[name].cast(pl.Float64).to_numpy() for name in (*_STATE, "curvttc")}
-        size = sizes.get(part["source"][0], (VEHICLE_LENGTH, VEHICLE_WIDTH))
-        causal = causal_curvttc(columns, trailing_slope(columns["veh_heading"]), *size)
-        own = {name: pl.lit(value) for name, value in flags(columns["curvttc"], columns["veh_speed"]).items()}
-        parts.append(part.with_columns(pl.Series("curvttc_causal", causal), **own))
-    return pl.concat(parts)
+    vehicle, time = ["source", "clip", "veh_id"], pl.col("time")
+    spans = table.group_by("interaction", *vehicle, maintain_order=True).agg(begin=time.min(), end=time.max())
+    spans = spans.with_row_index("place").sort(*vehicle, "begin", maintain_order=True)
+    before = pl.col("end").cum_max().shift(1).over(vehicle)
+    spans = spans.with_columns(group=(pl.col("begin") > before).fill_null(True).cum_sum())
+    first = pl.col("place").min().over("group").rank("dense").cast(pl.Int64) - 1
+    numbers = spans.select("interaction", group=first)
+    return table.select("interaction").join(numbers, on="interaction", how="left", maintain_order="left")["group"]
 
 
 def clean(table: pl.DataFrame) -> pl.DataFrame:

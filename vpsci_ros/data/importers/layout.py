@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import directions
 from vpsci_ros.data.importers.tracks import (
     BACKWARDS,
     GAPS,
@@ -371,9 +372,7 @@ def _courses(x: Floats, y: Floats, vx: Floats, vy: Floats) -> Floats:
     chord = np.arctan2(y[ends] - y[begins], x[ends] - x[begins])
     direction[ends[late]] = chord[late]
     known[ends] = True
-    at = np.flatnonzero(known)
-    last = np.maximum(np.searchsorted(at, np.arange(len(x)), side="right") - 1, 0)
-    return np.unwrap(direction[at[last]])
+    return directions(direction, known)
 
 
 def _anchors(x: Floats, y: Floats) -> NDArray[np.int64]:

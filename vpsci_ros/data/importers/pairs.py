@@ -13,10 +13,10 @@ import polars as pl
 
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
 from vpsci_ros.data.importers.tracks import FAST, Clip, Track, median_speed, slope
-from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, with_groups
-from vpsci_ros.data.reference import causal_curvttc, flags, paths_apart, trailing_slope
+from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
+from vpsci_ros.data.reference import completed, curvttc_of, trailing_slope
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
+from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
 LEAST_STEPS = 5  # of a near miss: a slope over 0.4 s, as velocities and yaw rates are, takes so many
@@ -74,7 +74,7 @@ def near_misses_of(
             f"{source}: no {what} in {len(names)} clips; left out were {others}; name the classes as there"
         )
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
-    table = with_groups(pl.concat(parts)).select(list(NEAR_MISS_COLUMNS)) if parts else empty
+    table = completed(pl.concat(parts)).select(list(NEAR_MISS_COLUMNS)) if parts else empty
     summary = SourceSummary(
         source,
         clips=len(names),
@@ -131,20 +131,11 @@ def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, c
         {name: values[first - track.first : last - track.first + 1] for name, values in track.values.items()}
         for track in (vehicle, pedestrian)
     )
-    curvature = curvature_from_yaw_rate(veh["yaw_rate"], veh["speed"])
-    ttc = curvttc(
-        *(veh["x"], veh["y"], veh["heading"], veh["speed"], curvature),
-        *(ped["x"], ped["y"], ped["vx"], ped["vy"]),
-        length=length,
-        width=width,
-        radius=PEDESTRIAN_RADIUS,
-    )
+    columns = {f"veh_{name}": veh[name] for name in ("x", "y", "heading", "speed")}
+    columns |= {f"ped_{name}": ped[name] for name in ("x", "y", "vx", "vy")}
+    ttc = curvttc_of(columns, veh["yaw_rate"], length, width)
     if not (ttc < critical).any():
         return None
-    columns = {f"veh_{name}": veh[name] for name in ("x", "y", "heading", "speed")}
-    columns["veh_vx"] = veh["speed"] * np.cos(veh["heading"])
-    columns["veh_vy"] = veh["speed"] * np.sin(veh["heading"])
-    columns |= {f"ped_{name}": ped[name] for name in ("x", "y", "vx", "vy")}
     steps = np.arange(len(ttc))
     return pl.DataFrame(
         {
@@ -157,10 +148,10 @@ def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, c
             "veh_length": float(length),
             "veh_width": float(width),
             **columns,
+            "veh_vx": veh["speed"] * np.cos(veh["heading"]),
+            "veh_vy": veh["speed"] * np.sin(veh["heading"]),
             "curvttc": ttc,
             "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"]),
-            "curvttc_causal": causal_curvttc(columns, veh["yaw_rate_causal"], length, width),
+            "curvttc_causal": curvttc_of(columns, veh["yaw_rate_causal"], length, width),
         }
-        | flags(ttc, veh["speed"])
-        | {"apart": paths_apart(columns)}
     )

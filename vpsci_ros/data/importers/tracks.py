@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.reference import slopes
 from vpsci_ros.documents import reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
@@ -245,8 +246,5 @@ def slope(values: Floats, half_window: int = 2) -> Floats:
     if n < 2:
         return np.zeros(n)
     half = min(half_window, (n - 1) // 2)
-    if half == 0:
-        return np.full(n, (values[-1] - values[0]) / ((n - 1) * STEP))
-    offsets = np.arange(-half, half + 1)
-    inner = np.correlate(values, offsets / (STEP * float(offsets @ offsets)), "valid")
-    return np.concatenate([np.full(half, inner[0]), inner, np.full(half, inner[-1])])
+    inner = slopes(values, max(2 * half, 1))
+    return np.pad(inner, (half, n - len(inner) - half), "edge")
