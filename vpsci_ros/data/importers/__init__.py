@@ -5,15 +5,8 @@
 the list of formats, to which other distributions add theirs (`docs/extending.md`).
 """
 
-from vpsci_ros.data.importers.run import IMPORTERS, import_folders, import_trajectories, imported_clips
-from vpsci_ros.data.importers.summary import (
-    ImportResult,
-    SourceSummary,
-    joined,
-    named,
-    print_import_summary,
-    require_near_misses,
-)
+from vpsci_ros.data.importers.run import IMPORTERS, import_folders, import_trajectories, imported_clips, named
+from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, print_import_summary, require_near_misses
 from vpsci_ros.data.importers.tracks import Clip, Importer, Track
 
 __all__ = [
@@ -26,7 +19,6 @@ __all__ = [
     "import_folders",
     "import_trajectories",
     "imported_clips",
-    "joined",
     "named",
     "print_import_summary",
     "require_near_misses",

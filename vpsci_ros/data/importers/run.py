@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +12,10 @@ import polars as pl
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.pairs import near_misses_of
-from vpsci_ros.data.importers.summary import ImportResult, joined
-from vpsci_ros.data.importers.tracks import Clip, Importer
+from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
+from vpsci_ros.data.importers.tracks import Clip, Importer, require_source
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
+from vpsci_ros.data.near_misses import concat_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 
@@ -63,7 +65,13 @@ def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastes
     :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
     """
     results = [import_trajectories(folder, form, fastest) for folder, form in _with_formats(folders, formats)]
-    return joined(told_apart([Path(folder) for folder in folders], results))
+    results = told_apart([Path(folder) for folder in folders], results)
+    table = concat_near_misses([result.table for result in results])
+    by_source: dict[str, list[SourceSummary]] = {}
+    for result in results:
+        for summary in result.summaries:
+            by_source.setdefault(summary.source, []).append(summary)
+    return ImportResult(table, tuple(_of_one_source(own, table) for own in by_source.values()))
 
 
 def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list[tuple[Path, str]]:
@@ -118,3 +126,30 @@ def _refuse_copies(folders: Sequence[Path], tables: Sequence[pl.DataFrame]) -> N
             other, theirs = seen.setdefault((str(clip), rows.height), (folder, rows))
             if other != folder and theirs.equals(rows):
                 raise InvalidInput(f"{folder}: its clip {clip} is that of {other} to the bit; give each recording once")
+
+
+def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> SourceSummary:
+    """Return the summed counts of several folders of one source."""
+    if len(parts) == 1:
+        return parts[0]
+    left_out: Counter[str] = Counter()
+    for part in parts:
+        left_out.update(part.left_out)
+    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians", "fast")
+    sums = {name: sum(getattr(part, name) for part in parts) for name in names}
+    assumed = dict.fromkeys(text for part in parts for text in part.assumed)
+    quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
+    return replace(parts[0], **sums, quartiles=quartiles, left_out=dict(left_out), assumed=tuple(assumed))
+
+
+def named(result: ImportResult, name: str) -> ImportResult:
+    """Return a result whose only source has another name, by which a bank's reactions are chosen (`--people`).
+
+    :raises InvalidInput: several sources, or a name that cannot be one.
+    """
+    require_source(name, "--name")
+    if len(result.summaries) != 1:
+        sources = ", ".join(summary.source for summary in result.summaries)
+        raise InvalidInput(f"--name {name}: expected one source, got {sources}; import them one by one")
+    (summary,) = result.summaries
+    return ImportResult(result.table.with_columns(source=pl.lit(name)), (replace(summary, source=name),))

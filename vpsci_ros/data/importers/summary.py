@@ -1,16 +1,14 @@
 """The result of an import: the near misses, and a summary of each source, printed and stored with the table."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import polars as pl
 from rich.console import Console
 
-from vpsci_ros.data.importers.tracks import FAST, require_source
-from vpsci_ros.data.near_misses import concat_near_misses
+from vpsci_ros.data.importers.tracks import FAST
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.text_table import text_table
@@ -73,46 +71,6 @@ class ImportResult:
             "pedestrian_radius": PEDESTRIAN_RADIUS,
             "versions": software_versions(),
         }
-
-
-def joined(results: Sequence[ImportResult]) -> ImportResult:
-    """Return several results as one, with consecutive interaction numbers.
-
-    :raises InvalidInput: none given, or the same recording twice.
-    """
-    table = concat_near_misses([result.table for result in results])
-    by_source: dict[str, list[SourceSummary]] = {}
-    for result in results:
-        for summary in result.summaries:
-            by_source.setdefault(summary.source, []).append(summary)
-    return ImportResult(table, tuple(_of_one_source(own, table) for own in by_source.values()))
-
-
-def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> SourceSummary:
-    """Return the summed counts of several folders of one source."""
-    if len(parts) == 1:
-        return parts[0]
-    left_out: Counter[str] = Counter()
-    for part in parts:
-        left_out.update(part.left_out)
-    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians", "fast")
-    sums = {name: sum(getattr(part, name) for part in parts) for name in names}
-    assumed = dict.fromkeys(text for part in parts for text in part.assumed)
-    quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
-    return replace(parts[0], **sums, quartiles=quartiles, left_out=dict(left_out), assumed=tuple(assumed))
-
-
-def named(result: ImportResult, name: str) -> ImportResult:
-    """Return a result whose only source has another name, by which a bank's reactions are chosen (`--people`).
-
-    :raises InvalidInput: several sources, or a name that cannot be one.
-    """
-    require_source(name, "--name")
-    if len(result.summaries) != 1:
-        sources = ", ".join(summary.source for summary in result.summaries)
-        raise InvalidInput(f"--name {name}: expected one source, got {sources}; import them one by one")
-    (summary,) = result.summaries
-    return ImportResult(result.table.with_columns(source=pl.lit(name)), (replace(summary, source=name),))
 
 
 def least_quartiles(table: pl.DataFrame) -> tuple[float, float, float]:
