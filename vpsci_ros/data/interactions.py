@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, fields
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 import polars as pl
@@ -24,9 +24,9 @@ class Interactions:
 
     length int64[N]; first, last int64[N]: first and last step with CurvTTC < 5 s; clip object[N]: "source/clip".
     motion float64[N, T, 9]: vehicle x, y, heading, vx, vy, pedestrian x, y, vx, vy [m, rad, m/s], map frame.
-    curvttc float64[N, T] [s]. Per agent: observation float32[N, T, 6] (6)-(7); action float32[N, T, 2], the recorded
-    acceleration (v(t+1) - v(t)) / 0.1 s [m/s2]; next_velocity float32[N, T, 2] [m/s]; both in the vehicle's heading
-    frame of step t, and zero at the last step, which has no next.
+    curvttc float64[N, T] [s]. Per agent, computed from `motion` on first use: observation float32[N, T, 6] (6)-(7);
+    action float32[N, T, 2], the recorded acceleration (v(t+1) - v(t)) / 0.1 s [m/s2]; next_velocity float32[N, T, 2]
+    [m/s]; both in the vehicle's heading frame of step t, and zero at the last step, which has no next.
     """
 
     length: NDArray[np.int64]
@@ -35,9 +35,25 @@ class Interactions:
     clip: NDArray[np.object_]
     motion: NDArray[np.float64]
     curvttc: NDArray[np.float64]
-    observation: dict[str, NDArray[np.float32]]
-    action: dict[str, NDArray[np.float32]]
-    next_velocity: dict[str, NDArray[np.float32]]
+
+    @cached_property
+    def _seen_and_done(self) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
+        return seen_and_done(self.motion, self.length)
+
+    @property
+    def observation(self) -> _ByAgent:
+        """Observations of each agent, float32[N, T, 6]."""
+        return self._seen_and_done[0]
+
+    @property
+    def action(self) -> _ByAgent:
+        """Recorded accelerations of each agent, float32[N, T, 2] [m/s2]."""
+        return self._seen_and_done[1]
+
+    @property
+    def next_velocity(self) -> _ByAgent:
+        """Recorded velocities of each agent at the next step, float32[N, T, 2] [m/s]."""
+        return self._seen_and_done[2]
 
     def __len__(self) -> int:
         return len(self.length)
@@ -69,19 +85,9 @@ class Interactions:
                 row[:length] = trailing_slope(value[:length])
         return trends[0], trends[1]
 
-    def moving(self, motion: NDArray[np.float64]) -> "Interactions":
-        """Return the interactions with another `motion`, and observations, actions and velocities computed from it."""
-        return Interactions(
-            self.length, self.first, self.last, self.clip, motion, self.curvttc, *seen_and_done(motion, self.length)
-        )
-
     def take(self, rows: NDArray[np.int64]) -> "Interactions":
         """Return the interactions `rows`, in that order."""
-        parts: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            parts[field.name] = {k: v[rows] for k, v in value.items()} if isinstance(value, dict) else value[rows]
-        return Interactions(**parts)
+        return Interactions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def from_table(table: pl.DataFrame, whole_tracks: bool = False) -> Interactions:
@@ -90,30 +96,26 @@ def from_table(table: pl.DataFrame, whole_tracks: bool = False) -> Interactions:
     :param whole_tracks: of all rows instead.
     :raises InvalidInput: no interaction of at least two steps.
     """
-    rows = table if whole_tracks else around_critical(table)
-    groups = [g for g in rows.partition_by("interaction", maintain_order=True) if g.height >= 2]
-    if not groups:
+    rows = (table if whole_tracks else around_critical(table)).filter(pl.len().over("interaction") >= 2)
+    if rows.is_empty():
         raise InvalidInput("near misses: expected an interaction of at least two steps, got none; import recordings")
-    return from_rows(groups)
+    return from_rows(rows)
 
 
-def from_rows(groups: list[pl.DataFrame], curvttc_column: str = "curvttc") -> Interactions:
-    """Build `Interactions` of these rows of a near-miss table, one part an interaction, each critical at some step.
+def from_rows(rows: pl.DataFrame, curvttc_column: str = "curvttc") -> Interactions:
+    """Build `Interactions` of these rows of a near-miss table; those of an interaction lie together.
 
-    :param curvttc_column: which CurvTTC they are to hold, and to be critical by.
+    :param curvttc_column: which CurvTTC they are to hold, and to be critical by at some step.
     """
-    length = np.array([g.height for g in groups])
-    steps = int(length.max())
-    motion, curvttc = np.zeros((len(groups), steps, len(_MOTION))), np.full((len(groups), steps), np.inf)
-    first, last = np.zeros(len(groups), np.int64), np.zeros(len(groups), np.int64)
-    clip = np.empty(len(groups), object)
-    for i, group in enumerate(groups):
-        motion[i, : length[i]] = group.select(_MOTION).to_numpy()
-        curvttc[i, : length[i]] = group[curvttc_column].to_numpy()
-        critical = np.flatnonzero(curvttc[i] < CRITICAL_TTC)
-        first[i], last[i] = critical[[0, -1]]
-        clip[i] = f"{group['source'][0]}/{group['clip'][0]}"
-    return Interactions(length, first, last, clip, motion, curvttc, *seen_and_done(motion, length))
+    length = rows["interaction"].rle().struct.field("len").to_numpy().astype(np.int64)
+    begin = np.cumsum(length) - length
+    at = np.repeat(np.arange(len(length)), length), np.arange(rows.height) - np.repeat(begin, length)
+    motion, curvttc = np.zeros((len(length), length.max(), len(_MOTION))), np.full((len(length), length.max()), np.inf)
+    motion[at], curvttc[at] = rows.select(_MOTION).to_numpy(), rows[curvttc_column].to_numpy()
+    critical = curvttc < CRITICAL_TTC
+    last = critical.shape[1] - 1 - critical[:, ::-1].argmax(axis=1)
+    clip = rows[begin.tolist()].select(pl.concat_str("source", "clip", separator="/")).to_series().to_numpy()
+    return Interactions(length, critical.argmax(axis=1), last, clip.astype(object), motion, curvttc)
 
 
 def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:

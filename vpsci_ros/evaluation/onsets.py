@@ -77,21 +77,17 @@ def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
     :param history: steps that must be recorded before the onset, 0 to 10.
     :raises InvalidInput: there is none.
     """
-    groups, sizes = [], []
-    for group in table.partition_by("interaction", maintain_order=True):
-        ttc = group["curvttc_causal"].to_numpy()
-        below = ttc < CRITICAL_TTC
-        at = int(below.argmax())
-        if not below.any() or at < history or len(ttc) - 1 - at < STEPS:
-            continue
-        begin = max(0, at - HISTORY)
-        groups.append(group[begin : at + STEPS + 1])
-        sizes.append(size_of(group))
-    if not groups:
+    step, below = pl.int_range(pl.len()), pl.col("curvttc_causal") < CRITICAL_TTC
+    onset = pl.when(below).then(step).min()
+    recorded = (onset >= history) & (onset + STEPS < pl.len())
+    rows = table.filter((recorded & step.is_between(onset - HISTORY, onset + STEPS)).over("interaction"))
+    if rows.is_empty():
         raise InvalidInput(
             f"near misses: expected an interaction with {STEPS * STEP:g} s of whole track after its onset, got none of "
             f"{table['interaction'].n_unique()}; import the recordings again if the table is from before November 2026"
         )
-    interactions = from_rows(groups, "curvttc_causal")
-    number = np.array([group["interaction"][0] for group in groups])
-    return Onsets(replace(interactions, last=interactions.first + STEPS), number, np.array(sizes))
+    interactions = from_rows(rows, "curvttc_causal")
+    begins = (np.cumsum(interactions.length) - interactions.length).tolist()
+    sizes = np.array([size_of(rows[begin : begin + 1]) for begin in begins])
+    number = rows["interaction"].to_numpy()[begins]
+    return Onsets(replace(interactions, last=interactions.first + STEPS), number, sizes)

@@ -5,6 +5,7 @@ differences of published speeds neither lead along these positions, nor are they
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,11 +52,12 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     :raises InvalidInput: a table is refused, no clip is called so, nothing is left, no onset has 3 s recorded after
         it, or a source is in both.
     """
-    table = concat_near_misses([read_near_misses(name) for name in (*names, *others)])
+    elsewhere = [read_near_misses(name) for name in others]
+    table = concat_near_misses([*map(read_near_misses, names), *elsewhere])
     table, held_out = split_by_name(table, without, "--without") if without else (table, table.head(0))
     interactions = from_table(table, whole_tracks=True)
     of = np.array([people_of(clip) for clip in interactions.clip])
-    foreign = {people_of(source) for name in others for source in read_near_misses(name)["source"].unique()}
+    foreign = {people_of(source) for other in elsewhere for source in other["source"].unique()}
     own = [name for name in dict.fromkeys(of.tolist()) if name not in foreign]
     if not own:
         raise InvalidInput(f"--with {', '.join(map(str, others))}: expected another source than {', '.join(foreign)}")
@@ -177,7 +179,7 @@ def fitted(interactions: Interactions) -> Interactions:
         c, s = np.cos(own[:, 2]), np.sin(own[:, 2])
         along = np.maximum(c * own[:, 3] + s * own[:, 4], 0.0)
         own[:, 3], own[:, 4] = along * c, along * s
-    return interactions.moving(motion)
+    return replace(interactions, motion=motion)
 
 
 def _headings(recorded_heading: Floats, velocity: Floats) -> Floats:
