@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.errors import InvalidInput
 
 CAMERA = files_of("Add an importer")
@@ -41,7 +40,7 @@ def test_the_importer_of_the_page_finds_a_near_miss_by_the_command(install: Inst
     # The front, 2.3 m ahead of the centre, reaches the person's line, 0.3 m before x = 20 m, at 5 m/s.
     assert rows["curvttc"][0] == pytest.approx((20.0 - 0.3 - 2.3) / 5.0, abs=1e-3)
     assert rows.select("source", "clip", "veh_id", "ped_id").row(0) == ("camera", "morning", 7, 3)
-    assert vehicle_size("camera") == (4.6, 1.85)
+    assert rows.select("veh_length", "veh_width").row(0) == (4.6, 1.85)
 
 
 def renamed(distribution: str, points: str) -> dict[str, str]:

@@ -1,13 +1,11 @@
 """Recorded people as episodes: the interactions of a near-miss table."""
 
 from collections.abc import Collection, Iterator
-from functools import lru_cache
 
 import numpy as np
 import polars as pl
 
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
-from vpsci_ros.data.importers import IMPORTERS
 from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.world.observation import STEP
@@ -62,16 +60,7 @@ def _episode(part: pl.DataFrame, source: str) -> Episode:
 
 
 def size_of(rows: pl.DataFrame) -> tuple[float, float]:
-    """Return length and width [m] of the vehicle of an interaction; rows without sizes have those of their source."""
+    """Return length and width [m] of the vehicle of an interaction; rows without sizes have the default vehicle's."""
     if not {"veh_length", "veh_width"} <= set(rows.columns):
-        return vehicle_size(rows["source"][0])
-    return float(rows["veh_length"][0]), float(rows["veh_width"][0])
-
-
-@lru_cache
-def vehicle_size(source: str) -> tuple[float, float]:
-    """Return length and width [m] of the vehicles of a source, the default vehicle's for an unknown one."""
-    if source not in IMPORTERS.names():
         return VEHICLE_LENGTH, VEHICLE_WIDTH
-    importer = IMPORTERS.find(source)
-    return importer.length, importer.width
+    return float(rows["veh_length"][0]), float(rows["veh_width"][0])
