@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
-from vpsci_ros.data.importers.tracks import FAST, Clip, Track, median_speed, slope
+from vpsci_ros.data.importers.tracks import FAST, Clip, Floats, Track, median_speed, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import completed, curvttc_of, trailing_slope
 from vpsci_ros.errors import InvalidInput
@@ -127,16 +127,16 @@ def _together(clip: Clip) -> Iterable[tuple[Track, Track]]:
 
 def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, critical: float) -> pl.DataFrame | None:
     first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
-    veh, ped = (
-        {name: values[first - track.first : last - track.first + 1] for name, values in track.values.items()}
-        for track in (vehicle, pedestrian)
-    )
-    columns = {f"veh_{name}": veh[name] for name in ("x", "y", "heading", "speed")}
-    columns |= {f"ped_{name}": ped[name] for name in ("x", "y", "vx", "vy")}
-    ttc = curvttc_of(columns, veh["yaw_rate"], length, width)
+
+    def along(track: Track, name: str) -> Floats:
+        return track.values[name][first - track.first : last - track.first + 1]
+
+    columns = {f"veh_{name}": along(vehicle, name) for name in ("x", "y", "heading", "speed")}
+    columns |= {f"ped_{name}": along(pedestrian, name) for name in ("x", "y", "vx", "vy")}
+    ttc = curvttc_of(columns, along(vehicle, "yaw_rate"), length, width)
     if not (ttc < critical).any():
         return None
-    steps = np.arange(len(ttc))
+    steps, heading, speed = np.arange(len(ttc)), columns["veh_heading"], columns["veh_speed"]
     return pl.DataFrame(
         {
             "step": steps,
@@ -148,10 +148,10 @@ def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, c
             "veh_length": float(length),
             "veh_width": float(width),
             **columns,
-            "veh_vx": veh["speed"] * np.cos(veh["heading"]),
-            "veh_vy": veh["speed"] * np.sin(veh["heading"]),
+            "veh_vx": speed * np.cos(heading),
+            "veh_vy": speed * np.sin(heading),
             "curvttc": ttc,
-            "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"]),
-            "curvttc_causal": curvttc_of(columns, veh["yaw_rate_causal"], length, width),
+            "distance": np.hypot(columns["veh_x"] - columns["ped_x"], columns["veh_y"] - columns["ped_y"]),
+            "curvttc_causal": curvttc_of(columns, along(vehicle, "yaw_rate_causal"), length, width),
         }
     )
