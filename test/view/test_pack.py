@@ -62,7 +62,7 @@ def test_an_episode_keeps_its_least_time_its_onset_and_its_marks() -> None:
 def test_the_ground_of_a_scenario_of_the_package_is_the_pages_and_that_of_ones_own_its_sources() -> None:
     own, paper = load_scenario(103), load_scenario(1)
     sources = [source(motion(), paper), source(motion(), own), source(motion(), 0)]
-    assert grounds(sources) == {1: ground(paper)}
+    assert grounds(sources, shipped=True) == {1: ground(paper)}
     assert [packed(each)["grounds"] for each in sources] == [{}, {103: ground(own)}, {}]
     assert len(ground(paper)["crosswalk"]) >= 4
     assert ground(paper)["lane_width"] > 2.0

@@ -73,8 +73,10 @@ def packed(source: Source) -> dict[str, Any]:
             | ({"impact": round(float(values[-1, 3]), 3)} if episode.outcome == OUTCOME_NAMES[COLLISION] else {})
             | ({"failure": failure} if failure else {})
         )
-    frames = np.concatenate(parts)
-    steps = _steps(frames)
+    steps, frames = _coded(np.concatenate(parts), list(FINEST.values()))
+    further = np.concatenate(others)
+    if len(further):
+        other_steps, other_frames = _coded(further, OTHER_STEPS)
     return {
         "key": source.key,
         "title": source.title,
@@ -84,11 +86,11 @@ def packed(source: Source) -> dict[str, Any]:
         "marks": marks,
         "episodes": rows,
         "fields": FIELDS,
-        "steps": steps.tolist(),
-        "grounds": _grounds([source], shipped=False),
-        "frames": base64.b64encode(_quantised(frames, steps).tobytes()).decode(),
+        "steps": steps,
+        "grounds": grounds([source], shipped=False),
+        "frames": frames,
         "changes": dict(source.changes),
-    } | _packed_others(np.concatenate(others))
+    } | ({"other_steps": other_steps, "others": other_frames} if len(further) else {})
 
 
 def _values(episode: Episode) -> tuple[Floats, Floats]:
@@ -100,12 +102,8 @@ def _values(episode: Episode) -> tuple[Floats, Floats]:
     return values, np.delete(walk, chosen, axis=0)
 
 
-def grounds(sources: Sequence[Source]) -> dict[int, Any]:
-    """Return the ground of every scenario of Table 6 that occurs, by its number."""
-    return _grounds(sources, shipped=True)
-
-
-def _grounds(sources: Sequence[Source], *, shipped: bool) -> dict[int, Any]:
+def grounds(sources: Sequence[Source], *, shipped: bool) -> dict[int, Any]:
+    """Return the ground of every scenario that occurs, by its number: those of Table 6 if `shipped`, or the others."""
     table_6 = {scenario.number for scenario in shipped_scenarios()}
     used = (shown.episode.scenario for source in sources for shown in source.episodes)
     found = {road.number: road for road in used if road is not None and (road.number in table_6) == shipped}
@@ -121,31 +119,21 @@ def ground(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _packed_others(motion: np.ndarray) -> dict[str, Any]:
-    """Return the further pedestrians, float64[n, 4], as JSON values; an empty mapping without any."""
-    if not len(motion):
-        return {}
-    steps = np.maximum(OTHER_STEPS, np.abs(motion).max(axis=0) / LARGEST)
-    return {"other_steps": steps.tolist(), "others": base64.b64encode(_quantised(motion, steps).tobytes()).decode()}
-
-
 def _middle(values: np.ndarray) -> np.ndarray:
     places = np.concatenate([values[:, 0:2], values[:, 5:7]])
     middle: np.ndarray = ((np.nanmin(places, axis=0) + np.nanmax(places, axis=0)) / 2.0).round(3)
     return middle
 
 
-def _steps(frames: np.ndarray) -> np.ndarray:
-    """Return the step of each column, the finest in which its largest number fits."""
-    finite = np.where(np.isfinite(frames), np.abs(frames), 0.0)
-    steps: np.ndarray = np.maximum([FINEST[name] for name in FIELDS], finite.max(axis=0) / LARGEST)
-    return steps
+def _coded(numbers: Floats, finest: Sequence[float]) -> tuple[list[float], str]:
+    """Return the step of each column, and float64[n, columns] in these steps as base64 of int16[n, columns].
 
-
-def _quantised(frames: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    codes = np.zeros(frames.shape, "<i2")
-    finite = np.isfinite(frames)
-    codes[finite] = np.round((frames / steps)[finite])
-    codes[np.isposinf(frames)] = INFINITE
-    codes[np.isnan(frames) | np.isneginf(frames)] = UNKNOWN
-    return codes
+    :param finest: step of each column, unless its largest number needs a coarser one.
+    """
+    finite = np.isfinite(numbers)
+    steps = np.maximum(finest, np.where(finite, np.abs(numbers), 0.0).max(axis=0) / LARGEST)
+    codes = np.zeros(numbers.shape, "<i2")
+    codes[finite] = np.round((numbers / steps)[finite])
+    codes[np.isposinf(numbers)] = INFINITE
+    codes[np.isnan(numbers) | np.isneginf(numbers)] = UNKNOWN
+    return steps.tolist(), base64.b64encode(codes.tobytes()).decode()

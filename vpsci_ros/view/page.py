@@ -22,7 +22,7 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
         TEMPLATES / "view.html",
         title=title,
         sources=[packed(source) for source in with_unique_keys(sources)],
-        grounds=grounds(sources),
+        grounds=grounds(sources, shipped=True),
         style=inlined("view.css"),
         script=inlined(*SCENE, "charts.js", "list.js", "changes.js", "view.js", "controls.js"),
     )
