@@ -21,12 +21,11 @@ from commonroad.scenario.state import CustomState, ExtendedPMState, InitialState
 from commonroad.scenario.trajectory import Trajectory
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.extras.formats.movers import Mover, movers, road_of
+from vpsci_ros.extras.formats.movers import Mover, lane_lines, movers, road_of
 from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.world import Scenario as Road
 
 PROBLEM, LANELET, VEHICLE, PEDESTRIAN = 1, 100, 10, 11  # ids; further pedestrians are 12, 13, ...
-BEYOND = 40.0  # [m] of straight lane before the centreline and after it
 _TURN = np.pi / 4  # [rad] to which the heading at the goal may differ from the lane's
 
 
@@ -72,10 +71,7 @@ def documents(episode: Episode, with_vehicle: bool) -> tuple[Scenario, PlanningP
 
 
 def _lanelets(road: Road) -> LaneletNetwork:
-    lane, width = road.vehicle.path, road.vehicle.lane_width
-    along = np.arange(-BEYOND, lane.length + BEYOND, lane.step)
-    centre = np.array([lane.at(s) for s in along])
-    left, right = (np.array([lane.beside(s, side * width) for s in along]) for side in (0.5, -0.5))
+    centre, left, right = lane_lines(road)
     lanelet = Lanelet(
         *(left, centre, right, LANELET),
         line_marking_left_vertices=LineMarking.NO_MARKING,

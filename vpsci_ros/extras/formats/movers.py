@@ -16,6 +16,7 @@ from vpsci_ros.world.observation import STEP
 VEHICLE_HEIGHT = 1.44  # [m] of the Model 3, whose length and width CurvTTC uses
 PEDESTRIAN_HEIGHT = 1.75  # [m] of an adult; the world is flat and knows none
 STANDING = 0.05  # [m/s] below which a pedestrian's velocity says nothing of a heading
+BEYOND = 40.0  # [m] of straight lane before the centreline and after it
 
 
 @dataclass(frozen=True)
@@ -85,3 +86,11 @@ def road_of(episode: Episode) -> Scenario:
             "one; export it to osi, minari, mp4 or carla-csv, which do not"
         )
     return episode.scenario
+
+
+def lane_lines(road: Scenario) -> tuple[Floats, Floats, Floats]:
+    """Return centre, left and right border of the lane, float64[N, 2] [m] each, `BEYOND` longer at both ends."""
+    lane, half = road.vehicle.path, 0.5 * road.vehicle.lane_width
+    along = np.arange(-BEYOND, lane.length + BEYOND, lane.step)
+    centre, left, right = (np.array([lane.beside(s, aside) for s in along]) for aside in (0.0, half, -half))
+    return centre, left, right

@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.data.episode import Episode, Floats
-from vpsci_ros.extras.formats.movers import Mover, movers, road_of, tenths
+from vpsci_ros.extras.formats.movers import Mover, lane_lines, movers, road_of, tenths
 from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 
 EGO = "ego"
-_BEYOND = 40.0  # [m] of straight lane before the centreline and after it
 _DATASET = "vpsci_ros"
 _PROTOCOL = 4
 
@@ -100,9 +99,7 @@ def _track(name: str, kind: str, each: Mover, frames: slice) -> dict[str, Any]:
 
 
 def _map(road: Scenario) -> dict[str, Any]:
-    lane, width = road.vehicle.path, road.vehicle.lane_width
-    along = np.arange(-_BEYOND, lane.length + _BEYOND, lane.step)
-    centre, left, right = (np.array([lane.beside(s, side * width) for s in along]) for side in (0.0, 0.5, -0.5))
+    centre, left, right = lane_lines(road)
     features: dict[str, Any] = {
         "lane": {
             "type": "LANE_SURFACE_STREET",
