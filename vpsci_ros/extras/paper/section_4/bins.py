@@ -85,7 +85,7 @@ QUESTIONS = (
 """What sections 4.3, 4.5 and 4.6 say about speeds, distances and accelerations at the onset; answers in %."""
 
 
-def by_bins(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dict[str, list[dict[str, Any]]]:
+def by_bins(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, list[dict[str, Any]]]:
     """Return for the name of each question the share in each bin as {"n", "value", "low", "high"}.
 
     n counts interactions; below `LEAST_IN_BIN` of them the share and its bounds are None. The 95% bounds resample
@@ -94,7 +94,7 @@ def by_bins(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dict
     :param encounters: at least one row of `comparison.SCHEMA`.
     :param clustered: resample groups (clips) rather than interactions.
     """
-    draws = np.stack(list(weights(encounters, clustered, seed)))
+    draws = np.stack(list(weights(encounters, clustered)))
     found: dict[str, list[dict[str, Any]]] = {}
     for question in QUESTIONS:
         inside = encounters.select(

@@ -24,7 +24,7 @@ ONSETS = (1.5, 2.5, 3.5, 4.5)  # [s] bounds of the classes of CurvTTC at the ons
 SHARES = ("conflict", "vehicle_yields", "pedestrian_yields")
 
 
-def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dict[str, Any]:
+def describe(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, Any]:
     """Return statistics of a table of interactions; every estimate is {"value", "low", "high"}.
 
     Keys: interactions, groups; least_curvttc, its quartiles [s] as a list of three; and the shares `SHARES`.
@@ -34,7 +34,7 @@ def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dic
     """
     table = encounters.sort("least_curvttc")
     least = table["least_curvttc"].to_numpy()
-    draws = list(weights(table, clustered, seed))
+    draws = list(weights(table, clustered))
     found: dict[str, Any] = {"interactions": table.height, "groups": table["group"].n_unique()}
     found["least_curvttc"] = [
         _estimate(float(np.quantile(least, q)), [_quantile(least, w, q) for w in draws]) for q in QUARTILES
@@ -45,7 +45,7 @@ def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dic
     return found
 
 
-def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int = 0) -> dict[str, Any]:
+def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame) -> dict[str, Any]:
     """Return distances between the distributions of recorded and generated least CurvTTC.
 
     Keys: ks, the greatest difference D of the two distribution functions, and wasserstein [s], each with its interval;
@@ -53,7 +53,7 @@ def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int 
     """
     grid = _Grid(recorded["least_curvttc"].to_numpy(), generated["least_curvttc"].to_numpy())
     value = grid.apart()
-    pairs = zip(weights(recorded, True, seed), weights(generated, False, seed + 1), strict=True)
+    pairs = zip(weights(recorded, True), weights(generated, False, seed=1), strict=True)
     drawn = [grid.apart(first, second) for first, second in pairs]
     onset = grid.apart(onset_weights(recorded, generated))
     found: dict[str, Any] = {}
@@ -62,13 +62,13 @@ def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int 
     return found
 
 
-def between_halves(recorded: pl.DataFrame, seed: int = 0) -> dict[str, dict[str, float]]:
+def between_halves(recorded: pl.DataFrame) -> dict[str, dict[str, float]]:
     """Return `ks` and `wasserstein` [s] between random halves of the recorded clips: median and 95% of the draws.
 
     NaN where there is a single clip.
     """
     owner, least = _owners(recorded), recorded["least_curvttc"].to_numpy()
-    count, rng = int(owner.max()) + 1, np.random.default_rng(seed)
+    count, rng = int(owner.max()) + 1, np.random.default_rng(0)
     found = [(np.nan, np.nan)]
     if count > 1:
         chosen = [np.isin(owner, rng.permutation(count)[: count // 2]) for _ in range(RESAMPLES)]
@@ -107,7 +107,7 @@ class _Grid:
         return float(np.abs(difference * apart).max(initial=0.0)), float(np.abs(difference) @ self._gap)
 
 
-def weights(table: pl.DataFrame, clustered: bool, seed: int) -> Iterator[Floats]:
+def weights(table: pl.DataFrame, clustered: bool, seed: int = 0) -> Iterator[Floats]:
     """Yield `RESAMPLES` bootstrap weights of rows, float64[N] of sum 1, by rows or by whole groups."""
     owner = _owners(table) if clustered else np.arange(table.height)
     count = int(owner.max()) + 1

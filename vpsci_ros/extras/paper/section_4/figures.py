@@ -68,7 +68,7 @@ def save_conflicts(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
     """Draw the share of conflicts by the speeds at the onset, in the manner of Figure 11, as a PNG."""
     figure, axes = new_figure(3.7 * len(sources) + 0.8, 3.7, 1, len(sources))
     for axis, (title, table) in zip(axes.flat, sources.items(), strict=True):
-        _draw_shares(axis, table, VEHICLE_SPEED, PEDESTRIAN_SPEED, "conflict")
+        _draw_conflicts(axis, table)
         axis.set_title(f"{title}, n = {table.height:,}", fontsize=9)
     _add_bar(figure, axes, "conflicts (CurvTTC < 2 s) [%]")
     save_png(figure, path)
@@ -83,29 +83,21 @@ def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path, s
     figure, axes = new_figure(3.0 * columns + 1.0, 2.75 * rows + 0.3, rows, columns)
     for row, (title, table) in zip(axes if len(sides) > 1 else axes.T, sources.items(), strict=True):
         for axis, side in zip(row, sides, strict=True):
-            _draw_surface(axis, table, DISTANCE, side, f"{agent}_yields")
+            _draw_surface(axis, table, side, f"{agent}_yields")
         row[0].set_title(f"{title}, n = {table.height:,}", fontsize=9, loc="left")
     _add_bar(figure, axes, f"{agent} yields [%]")
     save_png(figure, path)
 
 
-def shares(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> Floats:
-    """Return the share of `flag` in each bin, float64[bins of across, bins of up]; NaN below `LEAST_IN_BIN`."""
-    x, y = (table[axis.column].to_numpy() for axis in (across, up))
-    bins = (across.edges, up.edges)
-    count, _, _ = np.histogram2d(x, y, bins=bins)
-    hits, _, _ = np.histogram2d(x, y, bins=bins, weights=table[flag].to_numpy().astype(np.float64))
-    return np.where(count >= LEAST_IN_BIN, hits / np.maximum(count, 1.0), np.nan)
-
-
-def surface(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> tuple[Floats, Floats, Floats]:
-    """Return a smooth share of `flag`, float64[points across, points up], and both coordinates of its points.
+def surface(table: pl.DataFrame, side: Axis, flag: str) -> tuple[Floats, Floats, Floats]:
+    """Return a smooth share of `flag` by `DISTANCE` and `side`, float64[X, Y], and both coordinates of its points.
 
     Kernel regression (Nadaraya and Watson) by a Gaussian of half a bin's width, of `_FINE` cells a bin; NaN where fewer
     than `LEAST_IN_BIN` interactions stand behind a value, (4 pi sx sy) times their density.
     """
-    edges = [np.arange(axis.first, axis.last + 0.5 * axis.width / _FINE, axis.width / _FINE) for axis in (across, up)]
-    x, y = (table[axis.column].to_numpy() for axis in (across, up))
+    axes = DISTANCE, side
+    edges = [np.arange(axis.first, axis.last + 0.5 * axis.width / _FINE, axis.width / _FINE) for axis in axes]
+    x, y = (table[axis.column].to_numpy() for axis in axes)
     weights = table[flag].to_numpy().astype(np.float64)
     count, hits = (np.histogram2d(x, y, bins=edges, weights=w)[0] for w in (None, weights))
     spread = 0.5 * _FINE
@@ -116,17 +108,17 @@ def surface(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> tuple[Flo
     return found, along, high
 
 
-def _draw_surface(axis: Axes, table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> None:
-    share, along, high = surface(table, across, up, flag)
+def _draw_surface(axis: Axes, table: pl.DataFrame, side: Axis, flag: str) -> None:
+    share, along, high = surface(table, side, flag)
     axis.set_facecolor("#ececea")
     axis.pcolormesh(along, high, 100.0 * share.T, norm=SHARES, cmap=WARM, shading="nearest")
     known = 100.0 * share[np.isfinite(share)]
     if levels := [level for level in CONTOURS if known.size and known.min() < level < known.max()]:
         lines = axis.contour(along, high, 100.0 * share.T, levels=levels, colors="black", linewidths=0.9)
         axis.clabel(lines, fmt="%g%%", fontsize=6)
-    _label(axis, across, up)
-    axis.set_xlim(across.first, across.last)
-    axis.set_ylim(up.first, up.last)
+    _label(axis, DISTANCE, side)
+    axis.set_xlim(DISTANCE.first, DISTANCE.last)
+    axis.set_ylim(side.first, side.last)
 
 
 def _draw_nearness(axis: Axes, least: Floats, title: str) -> None:
@@ -148,11 +140,16 @@ def _draw_nearness(axis: Axes, least: Floats, title: str) -> None:
     axis.tick_params(labelsize=7)
 
 
-def _draw_shares(axis: Axes, table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> None:
+def _draw_conflicts(axis: Axes, table: pl.DataFrame) -> None:
+    """Draw the share of conflicts in each bin of both speeds, grey below `LEAST_IN_BIN` interactions."""
+    axes = VEHICLE_SPEED, PEDESTRIAN_SPEED
+    x, y = (table[each.column].to_numpy() for each in axes)
+    conflict, bins = table["conflict"].to_numpy().astype(np.float64), [each.edges for each in axes]
+    count, hits = (np.histogram2d(x, y, bins=bins, weights=weights)[0] for weights in (None, conflict))
+    share = np.where(count >= LEAST_IN_BIN, hits / np.maximum(count, 1.0), np.nan)
     axis.set_facecolor("#ececea")
-    share = 100.0 * shares(table, across, up, flag)
-    axis.pcolormesh(across.edges, up.edges, share.T, norm=SHARES, cmap=WARM)
-    _label(axis, across, up)
+    axis.pcolormesh(*bins, 100.0 * share.T, norm=SHARES, cmap=WARM)
+    _label(axis, *axes)
 
 
 def _label(axis: Axes, across: Axis, up: Axis) -> None:

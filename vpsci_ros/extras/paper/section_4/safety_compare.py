@@ -5,6 +5,7 @@ clip share agents and traffic, so the intervals come from resampling whole clips
 CurvTTC: what another measure sees outside of them is not in the table, and no share here is a detection rate.
 """
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,14 +34,11 @@ from vpsci_ros.safety import (
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-
-
 MEASURES = ("CurvTTC", "center", "TTC 2D", "2nd order", "DRAC", "TTCE", "PET")
-
-
 CLOSEST = 2.0  # [m] distance of the centres below which a TTCE is a conflict
 BRAKING = 3.4  # [m/s2] DRAC above which braking is no longer comfortable
 ENCROACHMENT = 2.0  # [s] PET below which it is a conflict
+RESAMPLES = 1000
 THRESHOLDS = (
     f"TTC < {CONFLICT_TTC:g} s; DRAC > {BRAKING:g} m/s2; TTCE < {CONFLICT_TTC:g} s with DCE < {CLOSEST:g} m; "
     f"PET < {ENCROACHMENT:g} s"
@@ -88,69 +86,60 @@ def _flags(part: pl.DataFrame) -> tuple[Floats, bool]:
     return np.append(first, arrival if pet < ENCROACHMENT else np.inf), not np.isnan(pet)
 
 
-RESAMPLES = 1000
-
-
 @dataclass(frozen=True)
 class Agreement:
-    """Detection of each other's conflicts by M measures, all in the order of `names`.
+    """Detection of each other's conflicts by M measures, all in the order of `MEASURES`.
 
-    :ivar names: of the measures.
     :ivar interactions, clips: in the table.
     :ivar pet_defined: interactions whose paths cross within the rows of the table.
     :ivar conflicts: int[M], interactions that each measure flags.
     :ivar both: int[M, M], interactions that row and column flag.
     :ivar share: float64[M, M], part of the column's conflicts that the row flags as well; NaN without any.
-    :ivar share_interval: float64[M, M, 2], 95% of it over resampled clips.
     :ivar lead: float64[M, M], median time [s] by which the row flags earlier than the column, where both flag.
-    :ivar lead_interval: float64[M, M, 2], 95% of it over resampled clips.
+    :ivar share_interval: float64[M, 2, 2], 95% over resampled clips of `share[0]` and of `share[:, 0]`.
+    :ivar lead_interval: float64[M, 2], 95% over resampled clips of `lead[0]`.
     """
 
-    names: tuple[str, ...]
     interactions: int
     clips: int
     pet_defined: int
     conflicts: NDArray[np.int64]
     both: NDArray[np.int64]
     share: Floats
-    share_interval: Floats
     lead: Floats
+    share_interval: Floats
     lead_interval: Floats
 
 
-def agreement(table: pl.DataFrame, *, seed: int = 0) -> Agreement:
+def agreement(table: pl.DataFrame) -> Agreement:
     """Compare the measures on a near-miss table.
 
     :param table: columns of `vpsci_ros.data.near_misses.NEAR_MISS_COLUMNS`.
-    :param seed: of the resampling of clips.
     """
     times, pet_defined, clip = first_flags(table)
-    flagged = np.isfinite(times)
+    flagged, count = np.isfinite(times), len(MEASURES)
     clips = int(clip.max()) + 1
     per_clip = np.stack([flagged[clip == c].T.astype(float) @ flagged[clip == c] for c in range(clips)])
+    drawn = cluster_counts(np.arange(clips), 0, RESAMPLES)
+    shares = _share(np.einsum("rc,cij->rij", drawn, per_clip))
+    lead, lead_interval = np.full((count, count), np.nan), np.full((count, 2), np.nan)
+    for i, j in itertools.permutations(range(count), 2):
+        pair = flagged[:, i] & flagged[:, j]
+        if pair.any():
+            earlier = times[pair, j] - times[pair, i]
+            lead[i, j] = np.median(earlier)
+            if i == 0:
+                lead_interval[j] = interval(_weighted_medians(earlier, drawn[:, clip[pair]]))
     both = per_clip.sum(axis=0)
-    drawn = cluster_counts(np.arange(clips), seed, RESAMPLES)
-    resampled = np.einsum("rc,cij->rij", drawn, per_clip)
-    count = len(MEASURES)
-    lead, lead_interval = np.full((count, count), np.nan), np.full((count, count, 2), np.nan)
-    for i in range(count):
-        for j in range(count):
-            pair = flagged[:, i] & flagged[:, j]
-            if i != j and pair.any():
-                earlier = times[pair, j] - times[pair, i]
-                lead[i, j] = np.median(earlier)
-                medians = _weighted_medians(earlier, drawn[:, clip[pair]])
-                lead_interval[i, j] = interval(medians)
     return Agreement(
-        names=MEASURES,
         interactions=len(times),
         clips=clips,
         pet_defined=int(pet_defined.sum()),
         conflicts=flagged.sum(axis=0),
         both=both.astype(np.int64),
         share=_share(both),
-        share_interval=np.apply_along_axis(interval, 0, _share(resampled)).transpose(1, 2, 0),
         lead=lead,
+        share_interval=np.array([[interval(shares[:, 0, j]), interval(shares[:, j, 0])] for j in range(count)]),
         lead_interval=lead_interval,
     )
 
@@ -197,10 +186,10 @@ def _weighted_medians(values: Floats, weights: Floats) -> Floats:
 
 
 def _matrix(result: Agreement, title: str, values: Floats, form: str) -> Padding:
-    heads = [f"{name}\nn={conflicts}" for name, conflicts in zip(result.names, result.conflicts, strict=True)]
+    heads = [f"{name}\nn={conflicts}" for name, conflicts in zip(MEASURES, result.conflicts, strict=True)]
     rows = [
         (name, *("-" if i == j or np.isnan(value) else form.format(value) for j, value in enumerate(values[i])))
-        for i, name in enumerate(result.names)
+        for i, name in enumerate(MEASURES)
     ]
     return text_table(title, ("", *heads), rows)
 
@@ -210,11 +199,11 @@ def _beside_curvttc(result: Agreement) -> Padding:
     rows = [
         (
             *(name, str(result.conflicts[j]), str(result.both[0, j])),
-            _with_interval(result.share[0, j], result.share_interval[0, j], "{:.2f}"),
-            _with_interval(result.share[j, 0], result.share_interval[j, 0], "{:.2f}"),
-            _with_interval(result.lead[0, j], result.lead_interval[0, j], "{:+.1f}"),
+            _with_interval(result.share[0, j], result.share_interval[j, 0], "{:.2f}"),
+            _with_interval(result.share[j, 0], result.share_interval[j, 1], "{:.2f}"),
+            _with_interval(result.lead[0, j], result.lead_interval[j], "{:+.1f}"),
         )
-        for j, name in enumerate(result.names[1:], start=1)
+        for j, name in enumerate(MEASURES[1:], start=1)
     ]
     return text_table("Beside CurvTTC, with 95% intervals", ("", *heads), rows)
 

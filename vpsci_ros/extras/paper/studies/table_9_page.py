@@ -1,9 +1,10 @@
 """Table 9 as a page: every column with its interval, in Markdown, for reports and for docs/results."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from vpsci_ros.extras.paper.published import TABLE_9
+from vpsci_ros.extras.paper.section_4.table import markdown
 
 PAGE = "models.md"
 _CONTROLS = {
@@ -21,7 +22,7 @@ def table_9_page(result: dict[str, Any]) -> str:
     models = {_title(name): (name, of) for name, of in result["models"].items() if name != "constant_velocity"}
     extent = (
         f"{result['interactions']} interactions of {result['clips']} clips, each held out once; {result['folds']} "
-        f"folds, {result['seeds']} training(s) in each. 95% intervals by clips, of outcomes by Wilson."
+        f"folds, {result['seeds']} training(s) in each. 95% intervals by clips, of outcomes by Wilson.\n"
     )
     parts = [extent, _errors(models)]
     learned = {title: of for title, (_, of) in models.items() if "parameters" in of}
@@ -30,18 +31,13 @@ def table_9_page(result: dict[str, Any]) -> str:
         parts.append(_people(learned | {"no reaction (velocities kept)": {"world": control.get("world")}}))
     if any("trials" in of for of in learned.values()):
         parts.append(_trials(learned))
-    return "\n\n".join(parts) + "\n"
+    return "\n".join(parts)
 
 
 def _title(name: str) -> str:
     plain = name.removesuffix("_refined")
     title = TABLE_9[plain].name if plain in TABLE_9 else _CONTROLS.get(plain, f"`{plain}`")
     return title + (" +" if plain != name else "")
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [heads, ["---", *["---:"] * (len(heads) - 1)], *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _interval(value: float, ends: Sequence[float], digits: int) -> str:
@@ -63,7 +59,7 @@ def _errors(models: dict[str, tuple[str, dict[str, Any]]]) -> str:
         ]
         rows.append(cells)
     heads = ["model", "v_veh long, lat", "v_ped long, lat", "d long, lat", "ADE", "FDE", "paper's ADE"]
-    return _table([*heads, "closed loop: ADE", "FDE", "ADE of MA-SST-DDPG's"], rows)
+    return markdown([*heads, "closed loop: ADE", "FDE", "ADE of MA-SST-DDPG's"], rows)
 
 
 def _people(models: dict[str, dict[str, Any]]) -> str:
@@ -86,7 +82,7 @@ def _people(models: dict[str, dict[str, Any]]) -> str:
         rows.append([*cells, f"{of['step_microseconds']:.0f}" if known else ""])
     heads = ["model", "energy score [m]", "of MA-SST-DDPG's", "minADE6 [m]", "likelihood", "classifier", "collisions"]
     more = ["of single trainings", "both goals", "parameters", "training [CPU s]", "step [CPU µs]"]
-    return _table([*heads, *more], rows)
+    return markdown([*heads, *more], rows)
 
 
 def _rates(world: dict[str, Any]) -> list[str]:
@@ -103,4 +99,4 @@ def _trials(models: dict[str, dict[str, Any]]) -> str:
         for fold, trial in enumerate(of.get("trials", []), 1):
             tried = ", ".join(f"{factor}: {ade:.3f}" for factor, ade in trial["ade"].items())
             rows.append([title, str(fold), f"{trial['factor']:g}", tried])
-    return _table(["model", "fold", "steps times", "closed-loop ADE [m] of each trial"], rows)
+    return markdown(["model", "fold", "steps times", "closed-loop ADE [m] of each trial"], rows)
