@@ -20,7 +20,6 @@ PICTURE = "learning.png"
 COLOURS = {"vehicle": "#08519c", "pedestrian": "#cb181d"}
 GREY, GREEN, ORANGE = "#6e6e6e", "#2ca02c", "#e6550d"
 _ACTOR_LOSSES = {
-    "rollout_error": "positions, closed loop [m]",
     "velocity_error": "next velocity [m/s]",
     "vehicle_actor_loss": "vehicle",
     "pedestrian_actor_loss": "pedestrian",

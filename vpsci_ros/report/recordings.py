@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from vpsci_ros.data.importers import Clip, ImportResult, Track, imported_clips
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png
+from vpsci_ros.report.world_figures import outlines
 from vpsci_ros.safety import CRITICAL_TTC
 
 COLUMNS = 3  # pictures in a row
 ROWS = 2  # rows of one folder; of several folders each has one row
 _CAR, _PERSON = "#08519c", "#a50f15"
-_CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
 
 Floats = NDArray[np.float64]
 
@@ -64,9 +64,8 @@ def _draw_near_misses(axes: Sequence[Axes], table: pl.DataFrame) -> int:
         onset = int((own["curvttc"] < CRITICAL_TTC).arg_max() or 0)
         at = own.row(onset, named=True)
         _draw(axis, vehicle, walker, f"{at['clip']}: near miss {number}, {at['veh_name']} and {at['ped_name']}")
-        cos, sin = math.cos(at["veh_heading"]), math.sin(at["veh_heading"])
-        corners = _CORNERS * [0.5 * at["veh_length"], 0.5 * at["veh_width"]] @ [[cos, sin], [-sin, cos]]
-        axis.add_patch(Polygon(corners + vehicle[onset], fill=False, edgecolor=_CAR))
+        box = [at[f"veh_{name}"] for name in ("x", "y", "heading", "length", "width")]
+        axis.add_patch(Polygon(outlines(np.array([box]))[0], fill=False, edgecolor=_CAR))
         axis.plot(*walker[onset], "+", color=_PERSON)
     return len(places)
 

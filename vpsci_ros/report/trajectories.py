@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png, show_all
-from vpsci_ros.report.world_figures import draw_ground, outlines
+from vpsci_ros.report.world_figures import GROUND, draw_ground, outlines
 
 Floats = NDArray[np.float64]
 TOP_SPEED = 8.0  # [m/s] at which the colours are darkest
 BLUES = LinearSegmentedColormap.from_list("vehicle", ["#ffffff", "#9ecae1", "#3182bd", "#08306b"])
 REDS = LinearSegmentedColormap.from_list("pedestrian", ["#ffffff", "#fcae91", "#de2d26", "#67000d"])
-GROUND, START = "#f1f1ee", "#2ca02c"
+START = "#2ca02c"
 _SPEEDS = Normalize(0.0, TOP_SPEED)
 _COLUMNS = 4
 
