@@ -39,12 +39,9 @@ class FoxgloveView(ServerListener):
             raise InvalidInput(f"port {port} of this machine: {error}; choose another, or 0") from None
         self.address = f"ws://{LOOPBACK}:{self._server.port}"
 
-    def show_graph(self, namespace: str = "") -> None:
-        """Forward the messages of the graph in this ROS domain, until `close`.
-
-        :param namespace: of the graph; topics are named without it.
-        """
-        subscribe_to_graph(SHOWN, self.take, lambda: self.finished, namespace, depth=WAITING)
+    def show_graph(self) -> None:
+        """Forward the messages of the graph in this ROS domain, until `close`."""
+        subscribe_to_graph(SHOWN, self.take, lambda: self.finished, depth=WAITING)
 
     def take(self, topic: str, message: bytes) -> None:
         """Forward a serialized message with its simulated time.

@@ -14,14 +14,13 @@ from vpsci_ros.world.monitor import assess
 EYES = 0.04  # [s] between two frames
 
 
-def watch_graph(page: Page, scenarios: list[Scenario], namespace: str = "") -> None:
+def watch_graph(page: Page, scenarios: list[Scenario]) -> None:
     """Show the first slot's episodes of the graph in this ROS domain, until `Page.close`.
 
     :param scenarios: where its episodes may take place.
-    :param namespace: of the graph.
     """
     seen = Seen(page, {scenario.number: scenario for scenario in scenarios})
-    subscribe_to_graph([WORLD], seen.take, lambda: page.finished, namespace)
+    subscribe_to_graph([WORLD], seen.take, lambda: page.finished)
 
 
 class Seen:
