@@ -77,7 +77,7 @@ def test_the_stand_in_comes_as_near_as_who_it_has_learned_from():
     keys = [(scenario, number) for number in range(20) for scenario in (1, 8)]
     _, seen, done = drive_with(exam, keys)
     stand_in, others = Imitation(seen, done, seed=0), [(1, n) for n in range(100, 140)]
-    played = rehearse(exam, "walker", others, stand_in, lambda _: None)
+    played = rehearse(exam, "walker", others, stand_in, lambda *_: None)
     own = margins(exam, others)
     assert np.corrcoef(np.clip(played, -1.0, 5.0), np.clip(own, -1.0, 5.0))[0, 1] > 0.9
     assert np.median(abs(played - own)) < 0.2 * np.median(abs(own - np.median(own)))

@@ -6,8 +6,7 @@ speed and curvature, and where on the map it is. The world keeps the stand-in in
 where to look, and how often it is wrong shows in the episodes that the driving system then drives itself.
 """
 
-import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -121,15 +120,10 @@ class Imitation:
             max_iter=200, learning_rate=0.12, max_leaf_nodes=63, min_samples_leaf=10, l2_regularization=1.0,
             early_stopping=False, random_state=seed % 2**32,
         )  # fmt: skip
-        self._one_thread = partial(threadpool_limits, 1)  # several wait for each other, for ever on a busy machine
-        with self._one_thread():
+        self.one_thread = partial(threadpool_limits, 1)  # several wait for each other, for ever on a busy machine
+        """Makes a context manager for `drive`, which limits it to one thread, so results are the same everywhere."""
+        with self.one_thread():
             self._model = model.fit(seen, done)
-
-    @contextlib.contextmanager
-    def at_the_wheel(self) -> Iterator[None]:
-        """Context manager for `drive`: it limits the computation to one thread, so results are the same everywhere."""
-        with self._one_thread():
-            yield
 
     def drive(self, features: Floats32) -> Floats32:
         """Return accelerations [m/s2], float32[E], for features float32[E, 43]."""

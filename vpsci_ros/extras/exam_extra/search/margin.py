@@ -9,11 +9,7 @@ from vpsci_ros.safety import CONFLICT_TTC, HORIZON, clearance
 from vpsci_ros.world import ENDED, IDLE
 
 Floats = NDArray[np.float64]
-
-
-STANDING = (
-    1.0  # [m] added to the clearance while the vehicle stands: who then walks into it is no failure of the vehicle
-)
+STANDING = 1.0  # [m] more clearance while the vehicle stands: who then walks into it is no failure of the vehicle
 
 
 def margin(failure: str, state: NDArray[np.void], curvttc: Floats) -> Floats:

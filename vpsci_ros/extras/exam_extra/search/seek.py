@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -75,25 +74,14 @@ def seek(
         stand_in = Imitation(np.concatenate(seen), np.concatenate(done), exam.run.seed)
         report("learning how it drives", 1, 1)
         rest = np.flatnonzero(~plan.driven)
-        margin = np.full(len(pool), np.nan)
-        margin[rest] = rehearse(
-            exam, search.pedestrian, [pool[number] for number in rest], stand_in, partial(_tell, report, len(rest))
-        )
+        margin, left = np.full(len(pool), np.nan), [pool[number] for number in rest]
+        margin[rest] = rehearse(exam, search.pedestrian, left, stand_in, report)
         plan.rehearsed(margin)
     return plan
 
 
-def _tell(report: Report, total: int, done: int) -> None:
-    report("rehearsing", done, total)
-
-
-def rehearse(
-    exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation, report: Callable[[int], None]
-) -> Floats:
-    """Return the least margin of each episode when the surrogate drives, float64[n].
-
-    :param report: called now and then with how many episodes have ended.
-    """
+def rehearse(exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation, report: Report) -> Floats:
+    """Return the least margin of each episode when the surrogate drives, float64[n]."""
     loop = loop_with(exam, pedestrian, "external", episodes, _BATCH)
     most = exam.world.pedestrians
     recent, least = Recent(most), LeastMargins(exam.config.failure)
@@ -104,8 +92,8 @@ def rehearse(
         answer[:, 0] = driver.drive(features)
         return Actions(vehicle=np.repeat(answer, most, axis=0))
 
-    with driver.at_the_wheel():
+    with driver.one_thread():
         for step in loop.ticks(answers):
             least.add(step.tick.state, step.assessment.curvttc)
-            report(len(least.found))
+            report("rehearsing", len(least.found), len(episodes))
     return np.array([least.found[key] for key in episodes])
