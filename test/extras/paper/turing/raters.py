@@ -31,4 +31,4 @@ def simulated(
     seen[..., 2] -= 0.5 * skills + 1.0
     clips = np.array([[f"c{k}{i}" for i in range(3)] for k in range(scenes)], object)
     names = [f"rater {row}" for row in range(raters)]
-    return Answers(names, realism, seen > 0.0, np.full(shape, 2.0), rng.gamma(2.0, 2.0, shape), clips)
+    return Answers(names, realism, seen > 0.0, rng.gamma(2.0, 2.0, shape), clips)

@@ -14,7 +14,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.turing.clips import SOURCES
 
 _KEY = {"kit": str, "clips": {"*": {"scene": int, "source": str}}}
-_RANGES = {"realism": (1, 5), "confidence": (1, 4)}
+_RANGES = {"realism": (1, 5), "confidence": (1, 4)}  # the confidence is stored in the files alone
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,6 @@ class Answers:
     :ivar raters: their names, R.
     :ivar realism: float64[R, K, 3], 1 (very unrealistic) to 5 (very realistic).
     :ivar real: bool[R, K, 3], rated as a recording of real people.
-    :ivar confidence: float64[R, K, 3], 1 (a guess) to 4 (certain).
     :ivar seconds: float64[R, K, 3], from the end of the clip's first showing to the judgement [s].
     :ivar clips: object[K, 3], their names.
     """
@@ -32,7 +31,6 @@ class Answers:
     raters: list[str]
     realism: NDArray[np.float64]
     real: NDArray[np.bool_]
-    confidence: NDArray[np.float64]
     seconds: NDArray[np.float64]
     clips: NDArray[np.object_]
 
@@ -49,7 +47,7 @@ def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
     for name, at in place.items():
         clips[at] = name
     shape = (len(paths), scenes, len(SOURCES))
-    out = {name: np.full(shape, np.nan) for name in ("realism", "real", "confidence", "seconds")}
+    out = {name: np.full(shape, np.nan) for name in ("realism", "real", "seconds")}
     raters: list[str] = []
     for row, path in enumerate(paths):
         document = _json(path, "a rater's answers", {"kit": str, "answers": list})
@@ -66,7 +64,7 @@ def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
             raise InvalidInput(f"{path}: {missing} of {len(place)} clips are not answered; ask {rater} to go on")
     if not raters:
         raise InvalidInput("expected the answers of at least one rater, got none")
-    return Answers(raters, out["realism"], out["real"] > 0.5, out["confidence"], out["seconds"], clips)
+    return Answers(raters, out["realism"], out["real"] > 0.5, out["seconds"], clips)
 
 
 def _take(answer: Any, place: dict[str, tuple[int, int]], row: int, out: dict[str, Any], path: Path) -> None:
@@ -80,12 +78,12 @@ def _take(answer: Any, place: dict[str, tuple[int, int]], row: int, out: dict[st
         value = answer.get(quantity)
         if type(value) is not int or not low <= value <= high:
             raise InvalidInput(f"{path}: clip {name}: {quantity} = {value!r}, expected a whole number {low} to {high}")
-        out[quantity][at] = value
     if answer.get("judgement") not in ("real", "made"):
         raise InvalidInput(f"{path}: clip {name}: judgement = {answer.get('judgement')!r}, expected real or made")
     seconds = answer.get("seconds")
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0.0 <= seconds < math.inf:
         raise InvalidInput(f"{path}: clip {name}: seconds = {seconds!r}, expected a time not below 0")
+    out["realism"][at] = answer["realism"]
     out["real"][at] = answer["judgement"] == "real"
     out["seconds"][at] = seconds
 
