@@ -43,19 +43,12 @@ def icc_2k(ratings: Floats) -> tuple[float, float, float]:
     return float((of_clips - residual) / below), low, high
 
 
-def d_prime(hits: NDArray[np.int64], false_alarms: NDArray[np.int64], signals: int, noises: int) -> Floats:
-    """Return d' of each rater, float64[R]: z(hit rate) - z(false alarm rate), a half added to each count.
-
-    See Hautus, "Corrections for extreme proportions and their biasing effects on estimated values of d'" (Behavior
-    Research Methods, Instruments and Computers 27, 1995).
-
-    :param hits: real clips rated as real, of `signals`; false_alarms: made ones, of `noises`.
-    """
-    difference: Floats = norm.ppf((hits + 0.5) / (signals + 1.0)) - norm.ppf((false_alarms + 0.5) / (noises + 1.0))
-    return difference
-
-
 def mean_d_prime(real: NDArray[np.bool_], made: NDArray[np.bool_]) -> Mean:
-    """Return the raters' mean d' with an interval for other raters; judgements "real", bool[R, K] each."""
-    each = d_prime(real.sum(axis=1), made.sum(axis=1), real.shape[1], made.shape[1])
-    return over_raters(each[:, None])
+    """Return the raters' mean d' with an interval for other raters; judgements "real", bool[R, K] each.
+
+    d' of a rater is z(hit rate) - z(false alarm rate), a half added to each count. See Hautus, "Corrections for extreme
+    proportions and their biasing effects on estimated values of d'" (Behavior Research Methods, Instruments and
+    Computers 27, 1995).
+    """
+    hits, false_alarms = ((judged.sum(axis=1) + 0.5) / (judged.shape[1] + 1.0) for judged in (real, made))
+    return over_raters((norm.ppf(hits) - norm.ppf(false_alarms))[:, None])

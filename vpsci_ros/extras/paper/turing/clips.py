@@ -71,7 +71,8 @@ def draw_scenes(table: pl.DataFrame, count: int, seed: int) -> Onsets:
 
 def make_clips(onsets: Onsets, policy: Policy, seed: int) -> list[RatedClip]:
     """Return three clips for each scene, named and ordered at random."""
-    history = onsets.interactions.motion[np.arange(len(onsets))[:, None], _history_steps(onsets)]
+    steps = onsets.interactions.first[:, None] + np.arange(-HISTORY, 1)
+    history = onsets.interactions.motion[np.arange(len(onsets))[:, None], steps]
     before = np.stack([history[..., 0:2], history[..., 5:7]], axis=1)
     predicted = closed_loop_trajectories(predictor_of(policy, onsets.clip, seed), onsets.interactions)
     after = {
@@ -90,11 +91,6 @@ def make_clips(onsets: Onsets, policy: Policy, seed: int) -> list[RatedClip]:
             values = _placed(smooth, float(turn[scene]), int(mirror[scene]))
             clips.append(RatedClip(names[len(clips)], scene, source, values))
     return [clips[row] for row in rng.permutation(len(clips))]
-
-
-def _history_steps(onsets: Onsets) -> NDArray[np.int64]:
-    steps: NDArray[np.int64] = onsets.interactions.first[:, None] + np.arange(-HISTORY, 1)
-    return steps
 
 
 def equalised(places: Floats, heading: float) -> Floats:

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 Floats = NDArray[np.float64]
-
-
 LEVEL = 0.95
 
 

@@ -97,12 +97,10 @@ def _pair(answers: Answers, first: str, second: str) -> dict[str, Any]:
     one, other = (answers.realism[..., SOURCES.index(source)] for source in (first, second))
     difference = one - other
     by_rater, both = over_raters(difference), over_both(difference)
-    t = by_rater.value / by_rater.error if by_rater.error > 0.0 else math.nan
-    published = TABLE_11[first, second]
     return {
         "first": first,
         "second": second,
-        "t": _number(t),
+        "t": _t(by_rater),
         "p": _number(p_value(by_rater)),
         "cohens_d": _number(cohens_d(one.ravel(), other.ravel())),
         "difference": _means(difference),
@@ -110,7 +108,7 @@ def _pair(answers: Answers, first: str, second: str) -> dict[str, Any]:
         "tost": _number(tost(by_rater, MARGIN)),
         "tost_both": _number(tost(both, MARGIN)),
         "conclusion": conclusion(both),
-        "paper": published._asdict(),
+        "paper": TABLE_11[first, second]._asdict(),
     }
 
 
@@ -126,8 +124,8 @@ def as_the_paper(answers: Answers) -> dict[str, Any]:
         one, other = (kept[..., SOURCES.index(source)].ravel() for source in (first, second))
         mean = welch(one, other)
         rows.append(
-            {"first": first, "second": second, "t": _number(mean.value / mean.error if mean.error > 0.0 else math.nan),
-             "freedom": _number(mean.freedom), "p": _number(p_value(mean)), "cohens_d": _number(cohens_d(one, other)),
+            {"first": first, "second": second, "t": _t(mean), "freedom": _number(mean.freedom),
+             "p": _number(p_value(mean)), "cohens_d": _number(cohens_d(one, other)),
              "difference": _as_dict(mean), "tost": _number(tost(mean, MARGIN)), "conclusion": conclusion(mean),
              "paper": TABLE_11[first, second]._asdict()}
         )  # fmt: skip
@@ -239,6 +237,11 @@ def _shares(table: NDArray[np.float64]) -> dict[str, Any]:
     by_rater, by_scene = share_of(over_raters(table), raters), share_of(over_scenes(table), scenes)
     both = share_of(over_both(table), min(raters, scenes))
     return _as_dict(both) | {"by_rater": _as_dict(by_rater), "by_scene": _as_dict(by_scene)}
+
+
+def _t(mean: Mean) -> float | None:
+    """Return Student's t of a mean against 0; None without an error."""
+    return _number(mean.value / mean.error) if mean.error > 0.0 else None
 
 
 def _as_dict(mean: Mean) -> dict[str, Any]:
