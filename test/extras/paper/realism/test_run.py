@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from extras.paper.realism.straight import constant_velocity
 from synthetic import block_of_pairs, synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter
@@ -14,7 +15,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
-from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn, constant_velocity
+from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
 from vpsci_ros.extras.paper.realism.run import measure_realism
 from vpsci_ros.extras.paper.realism.same_start import SameStart

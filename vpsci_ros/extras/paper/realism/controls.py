@@ -1,4 +1,4 @@
-"""Simulators without learning, the controls: constant velocity, mean turn, residuals of similar onsets.
+"""Simulators without learning, the controls: mean turn, residuals of similar onsets.
 
 Each answers onsets with positions float64[n, K, 2, 30, 2] [m] in the map frame.
 """
@@ -7,24 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import STEPS, Onsets, borrowable
+from vpsci_ros.extras.paper.realism.motion import rotation
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-
-
+CONTROL = "constant_velocity_tracked"
+TURN = "constant_turn"
+CONTROLS = ("recorded", CONTROL, TURN, "social_force", "residual_sampler")
 NEAREST = 32  # onsets of other clips whose residuals are borrowed
-
-
-def constant_velocity(onsets: Onsets, velocity: Floats | None = None) -> Floats:
-    """Return positions of both agents at the velocity of the onset, K = 1.
-
-    :param velocity: of the vehicle, float64[n, 2] [m/s]; None: as recorded.
-    """
-    start = onsets.start
-    time = STEP * np.arange(1, STEPS + 1)[None, :, None]
-    driven = start[:, 3:5] if velocity is None else velocity
-    places = [start[:, None, 0:2] + driven[:, None] * time, start[:, None, 5:7] + start[:, None, 7:9] * time]
-    return np.stack(places, axis=1)[:, None]
 
 
 def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
@@ -69,25 +59,19 @@ def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_mi
     apart[~borrowable(onsets, library)] = np.inf
     count = min(NEAREST, int(np.isfinite(apart).sum(axis=1).min()))
     nearest = np.argsort(apart, axis=1)[:, :count]
-    turn = _rotation(library.start[:, 2])
+    turn = rotation(library.start[:, 2])
     residual = np.einsum("nij,natj->nati", turn, library.recorded - library_middle[:, 0])
-    back = _rotation(onsets.start[:, 2])
+    back = rotation(onsets.start[:, 2])
     chosen = residual[nearest]
     chosen[..., 1] *= (_side(onsets)[:, None] * _side(library)[nearest])[:, :, None, None]  # mirrored where they differ
     result: Floats = middle + np.einsum("nji,nkatj->nkati", back, chosen)
     return result
 
 
-def _rotation(heading: Floats) -> Floats:
-    """Return float64[n, 2, 2] that turn map vectors into (forward, left) of `heading`."""
-    c, s = np.cos(heading), np.sin(heading)
-    return np.stack([np.stack([c, s], axis=1), np.stack([-s, c], axis=1)], axis=1)
-
-
 def _similarity(onsets: Onsets) -> Floats:
     """Return what makes two onsets similar, float64[n, 6]; on which side the pedestrian is does not."""
     start = onsets.start
-    turn = _rotation(start[:, 2])
+    turn = rotation(start[:, 2])
     place = np.einsum("nij,nj->ni", turn, start[:, 5:7] - start[:, 0:2])
     walk = np.einsum("nij,nj->ni", turn, start[:, 7:9])
     speed, pace = np.hypot(start[:, 3], start[:, 4]), np.hypot(walk[:, 0], walk[:, 1])
@@ -100,8 +84,3 @@ def _side(onsets: Onsets) -> Floats:
     start = onsets.start
     east, north = start[:, 5] - start[:, 0], start[:, 6] - start[:, 1]
     return np.where(np.cos(start[:, 2]) * north - np.sin(start[:, 2]) * east < 0.0, -1.0, 1.0)
-
-
-CONTROL = "constant_velocity_tracked"
-TURN = "constant_turn"
-CONTROLS = ("recorded", CONTROL, TURN, "social_force", "residual_sampler")

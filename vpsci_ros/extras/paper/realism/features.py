@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets, borrowable
-from vpsci_ros.extras.paper.realism.motion import motion, smoothed, with_onset
+from vpsci_ros.extras.paper.realism.motion import motion, rotation, smoothed, with_onset
 from vpsci_ros.world.observation import STEP
 
 _DONORS = 8  # the nearest in speed, of which one is drawn
@@ -53,9 +53,7 @@ def _pace(path: Floats) -> Floats:
 def _frames(path: Floats) -> Floats:
     """Return the rotations [..., 2, 2] into the direction from the first position to the last."""
     way = path[..., -1, :] - path[..., 0, :]
-    angle = np.arctan2(way[..., 1], way[..., 0])
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+    return rotation(np.arctan2(way[..., 1], way[..., 0]))
 
 
 def features(positions: Floats, onsets: Onsets) -> dict[str, Floats]:

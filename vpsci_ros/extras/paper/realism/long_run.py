@@ -16,8 +16,6 @@ from vpsci_ros.safety import CRITICAL_TTC, clearance
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-
-
 STANDS, SETS_OFF = 0.3, 0.8  # [m/s] an agent stands below the one, and goes on from the other
 HARD, RUNS = 3.0, 2.5  # [m/s2] of deceleration over half a second, [m/s]
 NEAR = 0.5  # [m] between the footprints
@@ -110,9 +108,6 @@ def _braking(speed: Floats) -> float:
     return float((speed[:-_HALF_SECOND] - speed[_HALF_SECOND:]).max() / (_HALF_SECOND * STEP))
 
 
-_TAIL = "least_clearance_m"
-
-
 def _summary(tracks: list[Floats], clusters: NDArray[Any], seed: int) -> dict[str, list[float]]:
     rows = [course(track) for track in tracks]
     counts = cluster_counts(clusters, seed, 500)
@@ -123,7 +118,7 @@ def _summary(tracks: list[Floats], clusters: NDArray[Any], seed: int) -> dict[st
         own, weights = values[known], counts[:, known]
         if name.endswith("_s"):
             out[f"{name}_median"] = _quantile(own, weights, 0.5)
-        elif name == _TAIL:
+        elif name == "least_clearance_m":
             out[f"{name}_5"] = _quantile(own, weights, 0.05)
         else:
             total = weights.sum(axis=1)

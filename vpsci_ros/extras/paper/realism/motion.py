@@ -14,8 +14,6 @@ from vpsci_ros.safety import clearance, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-
-
 MOVING = 0.3  # [m/s] below it a position's change says nothing of a direction: the one before stays
 _TURN_WINDOW = 4  # steps back over which a turn is measured
 
@@ -58,6 +56,12 @@ def smoothed(path: Floats) -> Floats:
     """Return positions [..., T, 2], each on a line fitted to 0.9 s around it; at the ends on the first or last one."""
     result: Floats = np.einsum("st,...tc->...sc", fitted(path.shape[-2], 4, 4), path)
     return result
+
+
+def rotation(angle: Floats) -> Floats:
+    """Return the matrices [..., 2, 2] that turn map vectors into (forward, left) of `angle` [...] [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
 
 
 def with_onset(positions: Floats, start: Floats) -> Floats:

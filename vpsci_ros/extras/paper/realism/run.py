@@ -35,7 +35,9 @@ from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.run_folder import RunFolder
 
+RESULT = "realism.json"
 Notify = Callable[[str, int, int], None]
+"""Called with what is being measured, how many are done, and of how many."""
 
 
 def measure_realism(
@@ -52,7 +54,7 @@ def measure_realism(
     people: str = "",
     parts: Path | None = None,
     inputs: Mapping[str, str] | None = None,
-    notify: Notify | None = None,
+    notify: Notify = lambda *_: None,
 ) -> dict[str, Any]:
     """Return the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
 
@@ -66,7 +68,6 @@ def measure_realism(
     :param people: whose reactions act in them, see `PeoplePredictor`.
     :param parts: folder that keeps each measured part, from which a stopped run goes on.
     :param inputs: SHA-256 of what all this was read from, by name; a part of other inputs is measured again.
-    :param notify: called with what is being measured, how many are done, and of how many.
     :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
     """
     require("sklearn")  # which is needed only after much else
@@ -80,8 +81,7 @@ def measure_realism(
     kept = partial(_kept, parts, dict(inputs or {}))
     models: dict[str, Any] = {}
     for done, (name, simulate) in enumerate(wanted.items()):
-        if notify is not None:
-            notify(name, done, len(wanted) + (dataset is not None))
+        notify(name, done, len(wanted) + (dataset is not None))
         models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate))
     clips, missing = len(set(onsets.clip)), same_start.missing
     part = {"interactions": len(onsets), "clips": clips, "not_in_library": missing, "models": models}
@@ -120,9 +120,6 @@ def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable
     made = make()
     write_json(path, {"inputs_sha256": inputs, "found": made})
     return made
-
-
-RESULT = "realism.json"
 
 
 def run_realism(
