@@ -9,6 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
@@ -28,7 +29,7 @@ def episode(scenario: int = 1) -> Episode:
 
 
 def test_each_scenario_with_a_kept_episode_has_one_typical_episode(dataset: Path) -> None:
-    (title, first), (other, second) = typical_episodes(dataset)
+    (title, first), (other, second) = typical_episodes(Dataset(dataset))
     assert (first.key[0], second.key[0]) == (1, 2)
     assert title.startswith("① LocationA_PedCross_S-N\nVehicle-yield, episode 1, least CurvTTC 2.00 s")
     assert other.startswith("② LocationA_PedCross_N-S\nPedestrian-yield")
@@ -63,5 +64,5 @@ def test_nothing_to_draw_is_refused_and_nothing_written(tmp_path: Path) -> None:
     with DatasetWriter(tmp_path / "d", {1: "x"}, {"period": 0.05}) as writer:
         writer.close()
     with pytest.raises(InvalidInput, match="no episode was kept"):
-        typical_episodes(tmp_path / "d")
+        typical_episodes(Dataset(tmp_path / "d"))
     assert not (tmp_path / "figure.png").exists()

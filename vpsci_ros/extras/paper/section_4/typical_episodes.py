@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -21,15 +20,14 @@ YIELD_NAMES = {
 _NUMBERS = "①②③④⑤⑥⑦⑧"
 
 
-def typical_episodes(dataset: Dataset | str | Path) -> list[tuple[str, Episode]]:
+def typical_episodes(data: Dataset) -> list[tuple[str, Episode]]:
     """Return title and episode for each scenario of a dataset that has a kept episode.
 
     Taken is, among the episodes with the scenario's most frequent kind of yielding (none at all only where there is
     nothing else), the one whose least CurvTTC lies nearest to their median; looked for among the first `MOST`.
 
-    :raises InvalidInput: the folder is no dataset, or not a single episode was kept.
+    :raises InvalidInput: not a single episode was kept.
     """
-    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     kept = (list(itertools.islice(data.read(scenario=name), MOST)) for name in data.scenarios)
     found = [_typical(episodes) for episodes in kept if episodes]
     if not found:
