@@ -23,7 +23,7 @@ from vpsci_ros.data.gathered import gathered
 from vpsci_ros.documents import given_names, listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.crowd import episode_rows
 from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
@@ -148,7 +148,7 @@ def bag_episodes(bag: Bag) -> list[BagEpisode]:
 
 
 def _from_events(bag: Bag) -> Iterator[BagEpisode]:
-    decode, log = Decoder(), EpisodeLog()
+    log = EpisodeLog()
     for raw in bag.messages([EVENTS]):
         message = decode(raw, bag.path)
         yield from log.add(int(message.tick), raw.time, event_rows(layout.events(message)))

@@ -18,7 +18,7 @@ from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.bags.topic_info import TopicInfo, extent
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 
 CLOCK = "/clock"
@@ -174,7 +174,6 @@ def _simulated_share(bag: Bag, topics: dict[str, TopicInfo]) -> float:
     clock = topics.get(CLOCK)
     if clock is None or clock.last <= clock.first:
         return 0.0
-    decode = Decoder()
     ends = [next(bag.messages([CLOCK], at, at)) for at in (clock.first, clock.last)]
     times = [decode(raw, bag.path).clock for raw in ends]
     return float(times[1].sec - times[0].sec + 1e-9 * (times[1].nanosec - times[0].nanosec)) / (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.gathered import NO_SCENARIO
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import TYPES, motion
 from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.state import ENDED, EPISODE, RUNNING
@@ -73,7 +73,6 @@ def _tracks(bag: Bag) -> list[Floats]:
     Log times are [ns] since `Bag.begin`: float64 does not hold those since 1970 to the nanosecond.
     """
     rows: dict[str, list[tuple[float, ...]]] = {topic: [] for topic in ODOMETRY}
-    decode = Decoder()
     for raw in bag.messages(ODOMETRY):
         if raw.type != TYPES[raw.topic]:
             raise InvalidInput(f"{bag.path}: expected {TYPES[raw.topic]} on {raw.topic}, got {raw.type}")

@@ -30,7 +30,7 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.config import SimulatorConfig
@@ -276,7 +276,6 @@ def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -
 def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, Messages]]:
     """Yield the ticks of a bag in order with all their messages by topic; events are EVENT[n]."""
     topics = (WORLD, SAFETY, EVENTS, *(f"/{agent}/action" for agent in AGENTS))
-    decode = Decoder()
     gathered: dict[int, Messages] = {}
     newest, given, late = -1, -1, 0
     for raw in bag.messages(topics):

@@ -34,7 +34,7 @@ from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.crowd import episode_rows
@@ -201,7 +201,6 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     if events is not None and not events.messages:
         return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
-    decode = Decoder()
     for raw in recording.messages([EVENTS]):
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)

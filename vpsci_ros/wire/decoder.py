@@ -1,6 +1,6 @@
 """Serialized messages to objects, by the definitions in the bag or, without them, by this package's."""
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -28,36 +28,30 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-class Decoder:
-    """Turns serialized messages into objects whose numeric sequences are arrays."""
+def decode(raw: RawMessage, where: object) -> Any:
+    """Return a message as an object whose numeric sequences are arrays; `where` opens the error messages.
 
-    def __init__(self) -> None:
-        self._store = get_typestore(Stores.EMPTY)
+    :raises InvalidInput: another encoding than CDR, or a definition or message that cannot be read.
+    """
+    require_cdr(raw, where)
+    if raw.form != "ros2msg" and raw.type not in known_types().fielddefs:
+        raise InvalidInput(
+            f"{where}: no definition of {raw.type} ({raw.topic}) in the bag, and none is known; record with"
+            " --storage mcap, which stores definitions"
+        )
+    try:
+        types = _defined(raw.type, raw.definition) if raw.form == "ros2msg" else known_types()
+        return types.deserialize_cdr(raw.data, raw.type)
+    except Exception as error:  # noqa: BLE001  rosbags raises errors of many types
+        raise InvalidInput(f"{where}: {raw.type} at {raw.time} ns on {raw.topic} is not readable: {error}") from None
 
-    def __call__(self, raw: RawMessage, where: object) -> Any:
-        """Return the message; `where` opens the error messages.
 
-        :raises InvalidInput: another encoding than CDR, or a definition or message that cannot be read.
-        """
-        require_cdr(raw, where)
-        try:
-            if raw.form != "ros2msg":
-                if raw.type not in known_types().fielddefs:
-                    raise InvalidInput(
-                        f"{where}: no definition of {raw.type} ({raw.topic}) in the bag, and none is known; record with"
-                        " --storage mcap, which stores definitions"
-                    )
-                return known_types().deserialize_cdr(raw.data, raw.type)
-            if raw.type not in self._store.fielddefs:
-                types = get_types_from_msg(raw.definition, raw.type)
-                self._store.register({key: kind for key, kind in types.items() if key not in self._store.fielddefs})
-            return self._store.deserialize_cdr(raw.data, raw.type)
-        except InvalidInput:
-            raise
-        except Exception as error:  # noqa: BLE001  rosbags raises errors of many types
-            raise InvalidInput(
-                f"{where}: {raw.type} at {raw.time} ns on {raw.topic} is not readable: {error}"
-            ) from None
+@lru_cache(maxsize=64)
+def _defined(kind: str, definition: str) -> Typestore:
+    """Return the types that the definition of a type in a bag defines."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, kind))
+    return store
 
 
 def require_cdr(raw: RawMessage, where: object) -> None:

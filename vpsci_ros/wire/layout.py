@@ -1,7 +1,7 @@
 """The layout of the graph's messages, without ROS: their arrays, and the records made from them.
 
 `msg_defs/` defines the messages. Fields of the same name in a message and in a structured array correspond. A message
-here is any object with those fields: one of rclpy, whose sequences are `array.array`s, or one of `Decoder`, whose
+here is any object with those fields: one of rclpy, whose sequences are `array.array`s, or one of `decode`, whose
 sequences are numpy arrays. What writes a message takes its fields by name from here, and does with them what its kind
 of message needs.
 """
