@@ -9,14 +9,13 @@ from bags.copied import copied, received
 from vpsci_ros.bags.episodes import (
     BagEpisode,
     EpisodeLog,
-    EventRow,
     bag_episodes,
     choose,
     chosen_episode,
 )
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.state import FINISHED, STARTED
+from vpsci_ros.world.state import EVENT, FINISHED, STARTED
 
 
 def episode(scenario: int, number: int, outcome: str = "goal", least: float = 2.0) -> BagEpisode:
@@ -55,12 +54,13 @@ def test_a_number_in_two_scenarios_needs_its_scenario() -> None:
 
 
 def test_events_make_episodes_and_one_whose_beginning_was_not_seen_is_left_out() -> None:
-    log = EpisodeLog()
-    assert log.add(4, 200, [EventRow(STARTED, 1, 2, 9, 0, np.inf)], "bag_0.mcap") == []
+    log, events = EpisodeLog(), np.zeros(3, EVENT)
+    events["kind"], events["slot"] = [STARTED, FINISHED, FINISHED], [1, 0, 1]
+    events["scenario"], events["episode"] = 2, [9, 8, 9]
+    events["outcome"], events["least_curvttc"] = [0, 1, 2], [np.inf, 0.0, 1.25]
+    assert log.add(4, 200, events[:1], "bag_0.mcap") == []
     assert log.unfinished == 1
-    (ended,) = log.add(
-        30, 1500, [EventRow(FINISHED, 0, 2, 8, 1, 0.0), EventRow(FINISHED, 1, 2, 9, 2, 1.25)], "bag_1.mcap"
-    )
+    (ended,) = log.add(30, 1500, events[1:], "bag_1.mcap")
     assert ended == BagEpisode(2, 9, 1, 4, 30, 200, 1500, "goal", 1.25, "bag_0.mcap", "bag_1.mcap")
     assert log.unfinished == 0
 

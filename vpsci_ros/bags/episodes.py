@@ -1,7 +1,7 @@
 """The episodes of a bag: a text record for each in the file, so that one is found and read without the rest.
 
-A record is written when its episode has ended. A bag without records, of another tool or an early one, gives its
-episodes from the events in it, or from the world's states or odometry themselves; that reads all of them.
+A record is written when its episode has ended. A bag without records, since another tool recorded or converted it,
+gives its episodes from the world's states or odometry themselves; that reads all of them.
 """
 
 import itertools
@@ -9,7 +9,6 @@ import math
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +21,11 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.gathered import gathered
 from vpsci_ros.documents import given_names, listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire import layout
-from vpsci_ros.wire.decoder import decode
-from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.crowd import episode_rows
 from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
 
 RECORD = "vpsci_episode"  # name of the records
+_USED = ["kind", "slot", "scenario", "episode", "outcome", "least_curvttc"]  # fields of an event
 LATE = 1_000_000_000  # [ns] by which other tools log an answer or a state later than the event that goes with it
 
 
@@ -82,17 +79,6 @@ class BagEpisode:
             raise InvalidInput(f"the bag's record of an episode is damaged: {error!r}") from None
 
 
-class EventRow(NamedTuple):
-    """The used fields of an event from `/episode/event`."""
-
-    kind: int  # as in vpsci_msgs/EpisodeEvent
-    slot: int
-    scenario: int
-    episode: int  # its number within the scenario
-    outcome: int
-    least_curvttc: float  # [s] so far
-
-
 class EpisodeLog:
     """Builds episodes from event messages, one message at a time."""
 
@@ -104,33 +90,26 @@ class EpisodeLog:
         """Episodes that have begun and not ended."""
         return len(self._open)
 
-    def add(self, tick: int, time: int, events: Iterable[EventRow], file: str = "") -> list[BagEpisode]:
-        """Take the events of one message, at `tick` and `time` [ns], and return the episodes that ended with it.
+    def add(self, tick: int, time: int, events: NDArray[np.void], file: str = "") -> list[BagEpisode]:
+        """Take the events of one message, EVENT[n], at `tick` and `time` [ns]; return the episodes that ended with it.
 
         An episode whose beginning was not seen is left out. The pedestrians of an episode begin and end together, one
         after the other in the message.
         """
         ended: list[BagEpisode] = []
         begins = None  # the episode of the latest event of a beginning
-        for event in events:
-            key = event.scenario, event.episode
-            if event.kind == STARTED and key != begins:
+        for kind, slot, scenario, episode, outcome, least in events[_USED].tolist():
+            key = scenario, episode
+            if kind == STARTED and key != begins:
                 begins = key
-                self._open[event.slot] = key, tick, time, file
-            elif event.kind == FINISHED and event.slot in self._open:
-                begun, start_tick, start_time, first_file = self._open.pop(event.slot)
+                self._open[slot] = key, tick, time, file
+            elif kind == FINISHED and slot in self._open:
+                begun, start_tick, start_time, first_file = self._open.pop(slot)
                 ends = (start_tick, tick, start_time, time)
-                what = OUTCOME_NAMES[event.outcome], float(event.least_curvttc)
-                ended.append(BagEpisode(*begun, event.slot, *ends, *what, first_file, file))
-            elif event.kind == FINISHED and ended and ended[-1].key == key:
-                least = min(ended[-1].least_curvttc, float(event.least_curvttc))
-                ended[-1] = replace(ended[-1], least_curvttc=least)
+                ended.append(BagEpisode(*begun, slot, *ends, OUTCOME_NAMES[outcome], least, first_file, file))
+            elif kind == FINISHED and ended and ended[-1].key == key:
+                ended[-1] = replace(ended[-1], least_curvttc=min(ended[-1].least_curvttc, least))
         return ended
-
-
-def event_rows(events: NDArray[np.void]) -> list[EventRow]:
-    """Return the used fields of EVENT[n] records."""
-    return list(itertools.starmap(EventRow, events[list(EventRow._fields)].tolist()))
 
 
 def bag_episodes(bag: Bag) -> list[BagEpisode]:
@@ -139,19 +118,7 @@ def bag_episodes(bag: Bag) -> list[BagEpisode]:
     :raises InvalidInput: the bag is not whole, or none of a vehicle and a pedestrian.
     """
     found = [BagEpisode.from_record(values) for name, values in bag.records() if name == RECORD]
-    if found:
-        return found
-    topics = bag.topics()
-    if EVENTS in topics and topics[EVENTS].messages:
-        return list(_from_events(bag))
-    return list(_from_ticks(bag))
-
-
-def _from_events(bag: Bag) -> Iterator[BagEpisode]:
-    log = EpisodeLog()
-    for raw in bag.messages([EVENTS]):
-        message = decode(raw, bag.path)
-        yield from log.add(int(message.tick), raw.time, event_rows(layout.events(message)))
+    return found or list(_from_ticks(bag))
 
 
 def _from_ticks(bag: Bag) -> Iterator[BagEpisode]:

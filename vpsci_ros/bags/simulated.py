@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.episodes import RECORD, EpisodeLog, EventRow
+from vpsci_ros.bags.episodes import RECORD, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
@@ -21,7 +21,7 @@ from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.state import ENDED, FINISHED, IDLE, STARTED
+from vpsci_ros.world.state import ENDED, FINISHED, IDLE, STARTED, list_events
 from vpsci_ros.world.tick import Step
 
 
@@ -60,13 +60,10 @@ def write_ticks(
     return count
 
 
-def _events(state: NDArray[np.void]) -> Iterator[EventRow]:
-    """Yield the beginnings or the ends that the state of one episode shows, one a pedestrian."""
-    for slot, record in enumerate(state):
-        for kind, here in ((STARTED, record["frame"] == 0), (FINISHED, record["status"] == ENDED)):
-            if here and record["status"] != IDLE:
-                scenario, episode, outcome = (int(record[name]) for name in ("scenario", "episode", "outcome"))
-                yield EventRow(kind, slot, scenario, episode, outcome, float(record["least_curvttc"]))
+def _events(state: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the beginnings or the ends that the state of one episode shows, one a pedestrian, EVENT[n]."""
+    begins, ends = (state["frame"] == 0) & (state["status"] != IDLE), state["status"] == ENDED
+    return list_events(state, (begins * (1 << STARTED) + ends * (1 << FINISHED)).astype(np.uint16))
 
 
 def _messages(step: Step, config: WorldConfig, time: int) -> Iterator[tuple[str, bytes]]:

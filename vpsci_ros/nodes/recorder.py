@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from vpsci_msgs.msg import PolicyWeights
-from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, event_rows
+from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode
@@ -101,9 +101,7 @@ class Recorder(GraphNode):
             self._write_ended()
         self._bag.write(topic, data, at, time.time_ns())
         if topic == EVENTS:
-            self._ended += self._episodes.add(
-                message.tick, at, event_rows(layout.events(message)), self._bag.files[-1].name
-            )
+            self._ended += self._episodes.add(message.tick, at, layout.events(message), self._bag.files[-1].name)
         if topic != "/diagnostics" or self._untimed:
             self.simulated_at = at
 
