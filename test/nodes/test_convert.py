@@ -12,7 +12,7 @@ from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
 from vpsci_ros.wire.decoder import rewritten
-from vpsci_ros.wire.header import WireHeader, whole_words
+from vpsci_ros.wire.header import WireHeader, padded
 from vpsci_ros.world import EPISODE, EVENT
 from vpsci_ros.world.perception import OBJECT
 from vpsci_ros.world.transition import TRANSITION
@@ -45,7 +45,7 @@ def test_ros_reads_what_a_node_writes_of_a_state_and_writes_the_same() -> None:
     for name, values in fields.items():
         assert layout.values(getattr(message, name)).tobytes() == values.tobytes(), name
     _, again = rewritten("vpsci_msgs/msg/WorldState", serialize_message(message), "/world/state")
-    assert data == whole_words(again)
+    assert data == padded(again, 4)
 
 
 @pytest.mark.parametrize("batch", [1, 2, 3])
@@ -57,7 +57,7 @@ def test_ros_reads_what_a_node_writes_of_an_answer_and_writes_the_same(batch: in
     for data, kind in ((safety, SafetyState), (action, AgentAction)):
         message = deserialize_message(data, kind)
         name = f"vpsci_msgs/msg/{kind.__name__}"
-        assert data == whole_words(rewritten(name, serialize_message(message), name)[1])
+        assert data == padded(rewritten(name, serialize_message(message), name)[1], 4)
         assert (message.tick, message.header.frame_id, message.header.stamp.nanosec) == (7, "left/map", 5)
     assert message.longitudinal.tolist() == pairs[:, 0].tolist()
     assert message.policy_version == 9

@@ -9,7 +9,7 @@ from visualization_msgs.msg import MarkerArray
 from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import rewritten
-from vpsci_ros.wire.header import WireHeader, whole_words
+from vpsci_ros.wire.header import WireHeader, padded
 from vpsci_ros.wire.markers import write_markers
 from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.world import World, WorldConfig, load_scenarios
@@ -17,7 +17,7 @@ from vpsci_ros.world.tick import NO_ACTIONS
 
 
 def serialized(kind: str, message: object) -> bytes:
-    return whole_words(rewritten(kind, serialize_message(message), kind)[1])
+    return padded(rewritten(kind, serialize_message(message), kind)[1], 4)
 
 
 def test_views_of_every_scenario_are_the_bytes_of_their_messages() -> None:

@@ -28,7 +28,7 @@ with stopped_between_updates() as check:
 NODE = """
 import sys
 from rclpy.context import Context
-from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.base import GraphNode, run_together
 
 class Idle(GraphNode):
     def __init__(self, *, context: Context) -> None:
@@ -39,7 +39,7 @@ class Idle(GraphNode):
         print("stopped", flush=True)
         input()
 
-sys.exit(run(Idle))
+sys.exit(run_together([Idle]))
 """
 
 

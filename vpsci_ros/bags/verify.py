@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -207,7 +208,8 @@ class _Simulation:
         happened = _deterministic(self._events)
         if len(happened) or messages.get(EVENTS):
             simulated[EVENTS] = layout.event_fields(happened)
-            messages = messages | {EVENTS: [_Rows(_deterministic(rows)) for rows in messages.get(EVENTS, ())]}
+            recorded = (layout.event_fields(_deterministic(rows)) for rows in messages.get(EVENTS, ()))
+            messages = messages | {EVENTS: [SimpleNamespace(**fields) for fields in recorded]}
         if not self.done:
             simulated |= self._tick(result)
         elif set(messages) - {EVENTS}:
@@ -294,13 +296,6 @@ def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, Messages]]:
     if late:
         result.uncompared += (f"{late} messages stand more than {_LATE} ticks late in the file",)
     yield from sorted(gathered.items())
-
-
-class _Rows:
-    """Events as a message: a sequence for each field of EVENT[n]."""
-
-    def __init__(self, rows: NDArray[np.void]) -> None:
-        self.__dict__.update(layout.event_fields(rows))
 
 
 def _deterministic(events: NDArray[np.void]) -> NDArray[np.void]:

@@ -145,18 +145,8 @@ class AgentPolicy(GraphNode):
         return write_action(SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version))
 
 
-class VehiclePolicy(AgentPolicy):
-    """The node of the vehicle's policy."""
-
-    def __init__(self, **given: Any) -> None:
-        super().__init__("vehicle", **given)
-
-
-class PedestrianPolicy(AgentPolicy):
-    """The node of the pedestrian's policy."""
-
-    def __init__(self, **given: Any) -> None:
-        super().__init__("pedestrian", **given)
+VehiclePolicy = partial(AgentPolicy, "vehicle")
+PedestrianPolicy = partial(AgentPolicy, "pedestrian")
 
 
 def _safety_state(data: bytes) -> SerializedSafety:

@@ -9,7 +9,6 @@ from typing import Any, TypeVar, get_origin
 import rclpy
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
-from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
@@ -114,8 +113,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
-        expected = listeners(topic, self.peers)
-        made = Output(self, topic, expected, self._is_stopping)
+        made = Output(self, topic, listeners(topic, self.peers), self._is_stopping)
         self._offered.append(made)
         return made
 
@@ -125,10 +123,6 @@ class GraphNode(Node, metaclass=_Destroying):
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the table."""
         self.create_service(SERVICES[name].type, name.removeprefix("/"), callback)
-
-    def client(self, name: str) -> Client:
-        """Return a client of a service of the table."""
-        return self.create_client(SERVICES[name].type, name.removeprefix("/"))
 
     def ready(self, topic: str, answer: str, by: str = "") -> None:
         """Log that the node is ready to answer messages of one topic with messages on another.
@@ -253,11 +247,6 @@ class GraphNode(Node, metaclass=_Destroying):
             chosen[name] = row.check(list(given) if _is_sequence(given) else given, f"node {self._section}")
             self.declare_parameter(name, chosen[name], _descriptor(row), ignore_override=True)
         return chosen
-
-
-def run(node_class: type[GraphNode], args: list[str] | None = None) -> int:
-    """Run one node, see `run_together`."""
-    return run_together([node_class], args)
 
 
 def run_together(kinds: Sequence[Any], args: list[str] | None = None) -> int:

@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire.header import (
-    WireHeader,
-    aligned,
-    read_start,
-    whole_words,
-    write_start,
-)
+from vpsci_ros.wire.header import WireHeader, aligned, padded, read_start, write_start
 from vpsci_ros.wire.layout import SAFETY
 
 Floats = NDArray[np.float64]
@@ -67,7 +61,7 @@ def read_action(data: bytes, where: str) -> SerializedAction:
 def write_safety_state(safety: SerializedSafety) -> bytes:
     """Return a SafetyState of at least one episode, serialized."""
     data = _with_floats(_with_floats(write_start(safety.header, safety.tick), safety.curvttc), safety.distance)
-    return whole_words(data + _U32.pack(len(safety.critical)) + safety.critical.tobytes())
+    return padded(data + _U32.pack(len(safety.critical)) + safety.critical.tobytes(), 4)
 
 
 def write_action(action: SerializedAction) -> bytes:

@@ -96,8 +96,3 @@ def stamp_of(topic: str, data: bytes) -> int:
 def aligned(at: int, size: int) -> int:
     """Return the first aligned offset of a number of `size` bytes, from `at` on."""
     return at + -(at - 4) % size
-
-
-def whole_words(data: bytes) -> bytes:
-    """Return a serialized message padded to a multiple of 4 bytes."""
-    return padded(data, 4)
