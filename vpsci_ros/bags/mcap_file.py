@@ -12,6 +12,7 @@ import io
 import struct
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -66,23 +67,23 @@ class McapFile:
 
         :raises InvalidInput: see `messages`.
         """
-        with self._indexed() as reader:
-            if reader is not None:
-                return list(by_name(_indexed_topics(reader)).values())
-            single = (_topic(channel, schema, 1, m.log_time, m.log_time) for schema, channel, m in self.messages())
-            return list(by_name(single).values())
+        if self._index is not None:
+            with self._seeking() as reader:
+                return list(by_name(_indexed_topics(reader, self._index)).values())
+        single = (_topic(channel, schema, 1, m.log_time, m.log_time) for schema, channel, m in self.messages())
+        return list(by_name(single).values())
 
     def named_records(self) -> list[tuple[str, dict[str, str]]]:
         """Return the file's text records with their names, in the order of writing; messages are not read for it.
 
         :raises InvalidInput: see `messages`.
         """
-        with self._indexed() as reader:
-            if reader is not None:
+        if self._index is not None:
+            with self._seeking() as reader:
                 return [(record.name, dict(record.metadata)) for record in reader.iter_metadata()]
-            for _ in self.messages():
-                pass
-            return self.records
+        for _ in self.messages():
+            pass
+        return self.records
 
     def select(
         self, topics: Collection[str] | None = None, start: int = 0, stop: int = 2**63 - 1, *, ordered: bool = False
@@ -94,35 +95,41 @@ class McapFile:
         :param ordered: by log time, where the file has an index; else in the order of writing.
         :raises InvalidInput: see `messages`.
         """
-        with self._indexed() as reader:
-            if reader is not None:
+        if self._index is not None:
+            with self._seeking() as reader:
                 chosen = reader.iter_messages(topics, starting_at=start, ending_at=stop, log_time_order=ordered)
                 yield from (_raw(*entry) for entry in chosen)
-                return
-            for schema, channel, message in self.messages():
-                if start <= message.log_time <= stop and (topics is None or channel.topic in topics):
-                    yield _raw(schema, channel, message)
+            return
+        for schema, channel, message in self.messages():
+            if start <= message.log_time <= stop and (topics is None or channel.topic in topics):
+                yield _raw(schema, channel, message)
 
-    @contextlib.contextmanager
-    def _indexed(self) -> Iterator[SeekingReader | None]:
-        """Give a reader that uses the file's index, or None where it is not complete or (not strict) not trusted.
+    @cached_property
+    def _index(self) -> Summary | None:
+        """The index of the file, all of which was then checked; None where it is not complete or (not strict) not used.
 
         Recorders may leave parts of the index out: what is not listed may be in the file all the same.
         """
+        if not self.strict:
+            return None
+        with self.path.open("rb") as file:
+            self._check(file)
+        with self._seeking() as reader, self.path.open("rb") as file:
+            summary = reader.get_summary()
+            for index in summary.chunk_indexes if summary is not None else ():
+                file.seek(index.chunk_start_offset + _HEAD.size)
+                _require_modest(Chunk.read(ReadDataStream(file)))
+            return summary if summary is not None and _covers(summary) else None
+
+    @contextlib.contextmanager
+    def _seeking(self) -> Iterator[SeekingReader]:
+        """Yield a reader that seeks by the index; damage that it meets is reported.
+
+        :raises InvalidInput: the file is damaged.
+        """
         with self.path.open("rb") as file:
             try:
-                reader = None
-                if self.strict:
-                    self._check(file)
-                    file.seek(0)
-                    reader = SeekingReader(file, validate_crcs=True)
-                    summary = reader.get_summary()
-                    if summary is None or not _covers(summary):
-                        reader = None
-                    for index in summary.chunk_indexes if summary is not None else ():
-                        file.seek(index.chunk_start_offset + _HEAD.size)
-                        _require_modest(Chunk.read(ReadDataStream(file)))
-                yield reader
+                yield SeekingReader(file, validate_crcs=True)
             except InvalidInput:
                 raise
             except _DAMAGE as error:
@@ -161,17 +168,15 @@ class McapFile:
             self._report_damage(f"{undescribed} messages belong to topics whose description is lost")
 
     def _descriptions(self) -> tuple[dict[int, Schema], dict[int, Channel]]:
-        """Return the descriptions of topics in the index: those in the data may be lost with the first chunk."""
-        noted = list(self.damage)
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        for record in self._records():
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-        self.damage = noted  # what is wrong is noted when the messages are read
-        return schemas, channels
+        """Return the descriptions of topics in the index, if there is one; those in the data may be lost.
+
+        Damage is noted when the messages are read.
+        """
+        with contextlib.suppress(OSError, *_DAMAGE), self.path.open("rb") as file:
+            summary = SeekingReader(file, record_size_limit=self.path.stat().st_size).get_summary()
+            if summary is not None:
+                return dict(summary.schemas), dict(summary.channels)
+        return {}, {}
 
     def _unpacked(self, record: McapRecord, read: int) -> list[McapRecord]:
         if not isinstance(record, Chunk):
@@ -281,9 +286,7 @@ def _checksum(file: BinaryIO, begin: int, end: int) -> int:
     return checksum
 
 
-def _indexed_topics(reader: SeekingReader) -> Iterable[TopicInfo]:
-    summary = reader.get_summary()
-    assert summary is not None
+def _indexed_topics(reader: SeekingReader, summary: Summary) -> Iterable[TopicInfo]:
     assert summary.statistics is not None
     for number, channel in summary.channels.items():
         count = summary.statistics.channel_message_counts.get(number, 0)
