@@ -15,9 +15,9 @@ from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs import run_folder
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256
-from vpsci_ros.runs.progress import stopped_between_updates
 from vpsci_ros.runs.record import read_record
 from vpsci_ros.runs.run_folder import RunFolder
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 SECTIONS = Sections({"learner": {"seed": 1, "episodes": 600, "near_misses": []}})
 
@@ -98,9 +98,9 @@ def test_a_signal_stops_a_run_between_two_updates_only() -> None:
     number = signal.SIGTERM
     before = signal.getsignal(number)
     updates = []
-    with pytest.raises(Stopped), stopped_between_updates() as check:
+    with pytest.raises(Stopped), stop_requested_by_signals() as stop:
         for update in range(5):
-            check()
+            stop.check()
             if update == 2:
                 signal.raise_signal(number)
             updates.append(update)

@@ -14,13 +14,13 @@ from vpsci_ros.runs.stop_request import stop_requested_by_signals
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 BETWEEN_UPDATES = """
 from vpsci_ros.errors import Stopped
-from vpsci_ros.runs.progress import stopped_between_updates
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
-with stopped_between_updates() as check:
+with stop_requested_by_signals() as stop:
     print("ready", flush=True)
     try:
         while True:
-            check()
+            stop.check()
     except Stopped:
         print("stopped", flush=True)
         input()

@@ -1,17 +1,13 @@
-"""Progress of a run on standard error, and interruption of a training between updates."""
+"""Progress of a run on standard error."""
 
-import contextlib
 import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
-
-from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 LINE_EVERY = 10.0  # [s] between lines where there is no terminal, at first
 LATER = 0.1  # share of the time gone that passes between lines at least: every line says another time
@@ -143,13 +139,3 @@ class StageBar(Bars):
         note = ", ".join(f"{name.replace('_', ' ')} {self._latest[name]:.3g}" for name in known)
         self.bar(self._title, done, total, note)
         self.line(f"{self._title}: {done:.0f} of {total:.0f}" + (f"; {note}" if note else ""), now=done >= total)
-
-
-@contextlib.contextmanager
-def stopped_between_updates() -> Iterator[Callable[[], None]]:
-    """Defer Ctrl-C and SIGTERM; yield a function to call between updates, which raises `Stopped` after a signal.
-
-    A run that is torn out of an update could not go on to the same result.
-    """
-    with stop_requested_by_signals() as request:
-        yield request.check

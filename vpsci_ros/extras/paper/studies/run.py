@@ -35,8 +35,9 @@ from vpsci_ros.extras.paper.studies.tables import (
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.runs.progress import StageBar, stopped_between_updates
+from vpsci_ros.runs.progress import StageBar
 from vpsci_ros.runs.run_folder import RunFolder
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 
 def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
@@ -50,11 +51,11 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     facts = {"study": {"sizes": list(sizes)}}
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
-        with StageBar("samples", quiet) as bar, stopped_between_updates() as check:
+        with StageBar("samples", quiet) as bar, stop_requested_by_signals() as stop:
 
             def report(name: str, values: dict[str, float]) -> None:
                 bar.show(values, f"{name} interactions")
-                check()
+                stop.check()
 
             table = sample_size_study(
                 corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, report=report
@@ -82,11 +83,11 @@ def run_fold_study(
         refinement = Refinement(refine, simulation, their_learner.seed)
     facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
-        with StageBar("folds", quiet) as bar, stopped_between_updates() as check:
+        with StageBar("folds", quiet) as bar, stop_requested_by_signals() as stop:
 
             def report(name: str, values: dict[str, float]) -> None:
                 bar.show(values, f"of {folds} folds: {name}")
-                check()
+                stop.check()
 
             result = cross_validate(
                 corpus,
@@ -162,11 +163,11 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
         facts |= {"hybrid": hybrid.identity(), "fresh_episodes": study.fresh_episodes, "fresh_seed": study.fresh_seed}
         files = [*files, study.simulated]
     with RunFolder(folder, resolved, files, {"study": facts}) as run:
-        with StageBar("models", quiet) as bar, stopped_between_updates() as check:
+        with StageBar("models", quiet) as bar, stop_requested_by_signals() as stop:
 
             def report(name: str, values: dict[str, float]) -> None:
                 bar.show(values, f"fold {name} of {study.folds}")
-                check()
+                stop.check()
 
             result = compare_models(
                 corpus,
