@@ -7,6 +7,7 @@ All motion is smooth, as the Kalman-filtered recordings are, and goes through th
 """
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,13 +63,9 @@ def synthetic_near_misses(interactions: int = 60, seed: int = 0) -> ImportResult
     """
     if not 1 <= interactions <= 10_000 or seed < 0:
         raise InvalidInput(f"expected 1 to 10000 interactions and a seed of 0 or more, got {interactions}, {seed}")
-    clips = []
-    for block in range(interactions):  # blocks of candidates, until there are enough
-        made = _simulate(_draw(64 * _CANDIDATES, seed, block))
-        clips += [clip for clip in _clips(made, block) if _is_near_miss(clip)]
-        if len(clips) >= interactions:
-            break
-    result = near_misses_of(SOURCE, clips[:interactions], length=LENGTH, width=WIDTH)
+    candidates = (clip for n in range(interactions) for clip in _clips(_simulate(_draw(64 * _CANDIDATES, seed, n)), n))
+    clips = list(islice(filter(_is_near_miss, candidates), interactions))  # to tell one takes hundredths of a second
+    result = near_misses_of(SOURCE, clips, length=LENGTH, width=WIDTH)
     check_near_misses(result.table, SOURCE)
     return result
 
