@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -59,20 +59,28 @@ def pytest_terminal_summary(terminalreporter: Any) -> Iterator[None]:
         )
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtestloop(session: pytest.Session) -> None:
-    """Have what nodes run compiled before the first test, if any starts nodes: no time limit of a test allows for it.
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # around the time limit of a test, which does not allow for it
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Have what nodes run compiled before the first test but the longest, which need no kernel."""
+    if item.path.name not in LONGEST:
+        compile_for_nodes(item.session)
+    return (yield)
+
+
+@cache
+def compile_for_nodes(session: pytest.Session) -> None:
+    """Run a small graph of all nodes in one process, if any test starts nodes.
 
     It takes most of a minute, once for each state of the sources; one worker does it and the others wait.
     """
-    if session.config.option.collectonly or not any(GRAPHS & set(item.path.parts) for item in session.items):
+    if not any(GRAPHS & set(item.path.parts) for item in session.items):
         return
     from vpsci_ros.nodes.domain import own_domain
 
-    cache = Path(os.environ.get("NUMBA_CACHE_DIR") or tempfile.gettempdir())  # of these sources
-    with (cache / "graph.lock").open("w") as lock, own_domain(), tempfile.TemporaryDirectory() as folder:
+    kernels = Path(os.environ.get("NUMBA_CACHE_DIR") or tempfile.gettempdir())  # of these sources
+    with (kernels / "graph.lock").open("w") as lock, own_domain(), tempfile.TemporaryDirectory() as folder:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (cache / "graph.compiled").exists():
+        if not (kernels / "graph.compiled").exists():
             world = {"scenarios": [104], "episodes": 1, "episode_time": 2.0, "batch": 1, "pedestrians": 3}
             world |= {"action_timeout": 600.0, "pedestrian_driver": "autopilot"}
             settings = [f"graph.nodes=[{', '.join(COMPILING)}]", "graph.progress_timeout=1200.0"]
@@ -82,7 +90,7 @@ def pytest_runtestloop(session: pytest.Session) -> None:
             command += ["--params", str(ROOT / "params" / "stage3_generate.yaml")]
             command += [word for setting in settings for word in ("--set", setting)]
             subprocess.run(command, check=True, cwd=ROOT, timeout=1800)
-            (cache / "graph.compiled").touch()
+            (kernels / "graph.compiled").touch()
 
 
 @pytest.fixture
@@ -150,9 +158,8 @@ def simulate() -> Callable[..., Iterator[SimulatedTick]]:
     return ticks
 
 
-@pytest.fixture(scope="session")
-def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag of the episodes 1:0, 6:4 and 1:2, one after the other, by the rule-based pair; not to be changed."""
+def bag_of_the_rule_based_pair(bag: Path, episode_time: float) -> Path:
+    """Write a bag of the episodes 1:0, 6:4 and 1:2, one after the other."""
     from vpsci_ros.bags.run_record import node_record
     from vpsci_ros.bags.simulated import write_ticks
     from vpsci_ros.parameters import values_of
@@ -160,14 +167,25 @@ def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from vpsci_ros.world.loop import Loop
 
     drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
-    config = WorldConfig(spawn="paper", episode_time=10.0, **drivers)
+    config = WorldConfig(spawn="paper", episode_time=episode_time, **drivers)
     queue = [(1, 0), (6, 4), (1, 2)]
     world = World(config, load_scenarios([1, 6]), queue, 1, 3)
     run = {"seed": 3, "scenarios": [1, 6], "batch": 1, "queue": queue}
     nodes = [node_record("world_simulator", values_of(config) | run), node_record("safety_monitor", {})]
-    bag = tmp_path_factory.mktemp("own") / "bag"
     write_ticks(Loop(world), config, bag, {}, nodes)
     return bag
+
+
+@pytest.fixture(scope="session")
+def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of three episodes by the rule-based pair; not to be changed."""
+    return bag_of_the_rule_based_pair(tmp_path_factory.mktemp("own") / "bag", 10.0)
+
+
+@pytest.fixture(scope="session")
+def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first two seconds of each of these episodes; not to be changed."""
+    return bag_of_the_rule_based_pair(tmp_path_factory.mktemp("short") / "bag", 2.0)
 
 
 @pytest.fixture(scope="session")

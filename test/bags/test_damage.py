@@ -5,7 +5,6 @@ import random
 import shutil
 from pathlib import Path
 
-import pytest
 from mcap.reader import make_reader
 
 from vpsci_ros.bags.info import bag_info
@@ -28,15 +27,12 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_changed_byte_is_always_noticed_and_never_ends_in_a_traceback(
-    own_bag: Path, tmp_path: Path, seed: int
-) -> None:
-    bag = shutil.copytree(own_bag, tmp_path / "bag")
+def test_a_changed_byte_is_always_noticed_and_never_ends_in_a_traceback(short_bag: Path, tmp_path: Path) -> None:
+    bag = shutil.copytree(short_bag, tmp_path / "bag")
     (path,) = bag.glob("*.mcap")
-    data, rng = path.read_bytes(), random.Random(seed)
+    data, rng = path.read_bytes(), random.Random(0)
     read = 0
-    for _ in range(20):
+    for _ in range(40):
         path.write_bytes(damaged(data, rng))
         with contextlib.suppress(InvalidInput):
             assert bag_info(bag)["damage"], "taken for a whole bag"

@@ -54,33 +54,33 @@ def recorded(bag: Path, topic: str, start: int = 0) -> list[bytes]:
     return [raw.data for raw in Bag(bag).messages([topic], start)]
 
 
-def test_every_message_comes_as_recorded_with_a_clock_for_a_bag_without_one(player: Player, own_bag: Path) -> None:
-    states = recorded(own_bag, "/world/state")
-    player.play(own_bag)
+def test_every_message_comes_as_recorded_with_a_clock_for_a_bag_without_one(player: Player, short_bag: Path) -> None:
+    states = recorded(short_bag, "/world/state")
+    player.play(short_bag)
     player.to_the_end({"/world/state": len(states), "/clock": len(states)})
     assert player.heard["/world/state"] == states
-    assert player.heard["/vehicle/odometry"] == recorded(own_bag, "/vehicle/odometry")
+    assert player.heard["/vehicle/odometry"] == recorded(short_bag, "/vehicle/odometry")
     stamps = [data[4:12] for data in states]
     assert [data[4:12] for data in player.heard["/clock"]] == stamps
 
 
-def test_it_begins_with_the_episode_that_is_named(player: Player, own_bag: Path) -> None:
-    episode = next(one for one in bag_episodes(Bag(own_bag)) if one.name == "6:4")
-    states = recorded(own_bag, "/world/state", episode.start_time)
-    player.play(own_bag, first_episode="6:4")
+def test_it_begins_with_the_episode_that_is_named(player: Player, short_bag: Path) -> None:
+    episode = next(one for one in bag_episodes(Bag(short_bag)) if one.name == "6:4")
+    states = recorded(short_bag, "/world/state", episode.start_time)
+    player.play(short_bag, first_episode="6:4")
     player.to_the_end({"/world/state": len(states)})
     assert player.heard["/world/state"] == states
 
 
 def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
-    player: Player, own_bag: Path, tmp_path: Path
+    player: Player, short_bag: Path, tmp_path: Path
 ) -> None:
     """One profile of depth 1, so the latest of the messages before the episode; the clock never runs backwards."""
-    episode = next(one for one in bag_episodes(Bag(own_bag)) if one.name == "6:4")
+    episode = next(one for one in bag_episodes(Bag(short_bag)) if one.name == "6:4")
     texts = {at: serialize_message(String(data=f"at {at}")) for at in (0, 10, episode.start_time + 1)}
     kinds = {"/world/state": "vpsci_msgs/msg/WorldState", "/note": "std_msgs/msg/String"}
     topics = [BagTopic(name, kind, *describe(kind), latched=name == "/note") for name, kind in kinds.items()]
-    messages = [("/world/state", raw.time, raw.data) for raw in Bag(own_bag).messages(["/world/state"])]
+    messages = [("/world/state", raw.time, raw.data) for raw in Bag(short_bag).messages(["/world/state"])]
     messages += [("/note", at, data) for at, data in texts.items()]
     bag = BagWriter(tmp_path / "bag", topics)
     for topic, at, data in sorted(messages, key=lambda message: message[1]):
@@ -89,7 +89,7 @@ def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
     notes: list[bytes] = []
     player.peer.create_subscription(String, "/note", notes.append, LATCHED, raw=True)
     player.play(tmp_path / "bag", first_episode="6:4")
-    player.to_the_end({"/world/state": len(recorded(own_bag, "/world/state", episode.start_time))})
+    player.to_the_end({"/world/state": len(recorded(short_bag, "/world/state", episode.start_time))})
     player.spin_until(lambda: len(notes) == 2)
     assert notes == [texts[10], texts[episode.start_time + 1]]
     times = [deserialize_message(data, Clock).clock for data in player.heard["/clock"]]
@@ -99,8 +99,8 @@ def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
     assert player.replayer.figures()["messages_published"] == len(player.heard["/world/state"]) + 2
 
 
-def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, own_bag: Path) -> None:
-    player.play(own_bag, paused=True)
+def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, short_bag: Path) -> None:
+    player.play(short_bag, paused=True)
     player.spin_until(lambda: player.replayer.state == "paused")
     for tick in range(1, 4):
         response = player.call(Trigger, "replayer/step")
@@ -110,16 +110,16 @@ def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, own_b
     assert player.call(SetBool, "replayer/pause", data=False).message.startswith("playing")
     refused = player.call(Trigger, "replayer/step")
     assert not refused.success
-    player.to_the_end({"/world/state": len(recorded(own_bag, "/world/state"))})
+    player.to_the_end({"/world/state": len(recorded(short_bag, "/world/state"))})
 
 
-def test_the_rate_sets_the_pace_and_changes_on_the_way(player: Player, own_bag: Path) -> None:
-    player.play(own_bag, rate=0.001)
+def test_the_rate_sets_the_pace_and_changes_on_the_way(player: Player, short_bag: Path) -> None:
+    player.play(short_bag, rate=0.001)
     player.spin_until(lambda: player.replayer.state == "playing" and len(player.heard["/world/state"]) == 1)
     assert player.replayer.figures()["messages_published"] < 10  # the second tick is 50 s away
     (result,) = player.replayer.set_parameters([Parameter("rate", value=0.0)])
     assert result.successful
-    player.to_the_end({"/world/state": len(recorded(own_bag, "/world/state"))})
+    player.to_the_end({"/world/state": len(recorded(short_bag, "/world/state"))})
 
 
 @pytest.mark.parametrize(
@@ -131,10 +131,10 @@ def test_the_rate_sets_the_pace_and_changes_on_the_way(player: Player, own_bag: 
     ],
 )
 def test_what_cannot_be_played_is_said_at_once(
-    player: Player, own_bag: Path, values: dict[str, Any], message: str
+    player: Player, short_bag: Path, values: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InvalidInput, match=message):
-        player.play(own_bag, **values)
+        player.play(short_bag, **values)
 
 
 def test_a_bag_whose_types_are_not_installed_is_refused(player: Player, tmp_path: Path) -> None:
