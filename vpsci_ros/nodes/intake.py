@@ -52,7 +52,7 @@ class Intake:
         """Subscribe to a topic of the table.
 
         :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
-            refusal is counted and logged. None: `handle` is called with every message at once.
+            refusal is counted and logged; returns no None. None: `handle` is called with every message at once.
         :param handle: called with what `decode` returned.
         :param polled: messages, `raw` ones, come when the node calls `poll`, and wake no executor.
         """
@@ -89,35 +89,30 @@ class Intake:
         """Process a message of a topic, or reject it."""
         self.arrived = time.perf_counter()
         decode, handle = self._receivers[topic]
-        try:
-            value = decode(message)
-        except InvalidInput as error:
-            self._refuse(topic, error)
-            return
-        handle(value)
+        value = self.read(topic, decode, message)
+        if value is not None:
+            handle(value)
 
     def read(self, topic: str, convert: Callable[..., T], *arguments: Any) -> T | None:
         """Return the result of `convert`; None if it rejects the message, which is counted and logged."""
         try:
             return convert(*arguments)
         except InvalidInput as error:
-            self._refuse(topic, error)
+            self._refuse(topic, str(error))
             return None
 
-    def _refuse(self, topic: str, error: InvalidInput) -> None:
+    def _refuse(self, topic: str, text: str) -> None:
+        """Count a message that is rejected for a reason, and log it, at most once in `LOG_PERIOD` for a topic."""
         self.refused[topic] += 1
-        self._log_refusal(topic, str(error))
-
-    def _log_refusal(self, topic: str, text: str) -> None:
-        now = time.monotonic()
-        if now - self._logged_at.get(topic, -math.inf) > LOG_PERIOD:
-            self._logged_at[topic] = now
-            count = f"{self.refused[topic]} so far"
-            if topic in self._inputs:
-                name = self._inputs[topic].topic_name  # with the namespace, which the decoder does not know
-                text = text.replace(topic, name, 1) if topic in text else f"{name}: {text}"
-                count += f", published by {', '.join(self.publishers(topic)) or 'a node that is gone'}"
-            self._node.get_logger().warning(f"refused {text} ({count})")
+        if (now := time.monotonic()) - self._logged_at.get(topic, -math.inf) <= LOG_PERIOD:
+            return
+        self._logged_at[topic] = now
+        count = f"{self.refused[topic]} so far"
+        if topic in self._inputs:
+            name = self._inputs[topic].topic_name  # with the namespace, which the decoder does not know
+            text = text.replace(topic, name, 1) if topic in text else f"{name}: {text}"
+            count += f", published by {', '.join(self.publishers(topic)) or 'a node that is gone'}"
+        self._node.get_logger().warning(f"refused {text} ({count})")
 
     def look(self) -> None:
         """Record unexpected publishers of a topic."""
