@@ -20,7 +20,7 @@ from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
-from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.header import WireHeader, tick_header
 from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world.observation import AGENTS
@@ -42,13 +42,13 @@ def action_message(header: Header, tick: int, action: NDArray[np.floating[Any]],
 
 def state_bytes(state: NDArray[np.void], policy_frame: Any, tick: int, period: float = 0.05) -> bytes:
     """Return `/world/state` of EPISODE[B] records, serialized."""
-    header = WireHeader(*divmod(tick * round(period * 1e9), 10**9), layout.MAP)
+    header = tick_header(tick, period)
     return write_world_state(SerializedState(header, Tick(tick, state, np.asarray(policy_frame, np.bool_)), period))
 
 
 def safety_bytes(tick: int, curvttc: Any, distance: Any, critical: Any) -> bytes:
     """Return `/safety/state` of a tick of 0.05 s, serialized."""
-    header = WireHeader(*divmod(tick * 50_000_000, 10**9), layout.MAP)
+    header = tick_header(tick, 0.05)
     values = np.asarray(curvttc, float), np.asarray(distance, float), np.asarray(critical, np.uint8)
     return write_safety_state(SerializedSafety(header, tick, *values))
 

@@ -35,7 +35,7 @@ class Bag:
         self.path, self.recover, self._prefix = Path(path), recover, topic_prefix
         self.files = [McapFile(file, strict=not recover) for file in bag_files(path)]
         self._information = bag_information(self.path)
-        self.lost_files = lost_files(self.path)
+        self.lost_files = lost_files(self.path, self._information)
         if self.lost_files and not recover:
             raise InvalidInput(
                 f"{path}: {self.lost_files}; copy it again, read what is here with --recover, or have "
@@ -165,9 +165,9 @@ def bag_files(path: str | Path) -> list[Path]:
     return sorted(files, key=_number)
 
 
-def lost_files(path: Path) -> str:
-    """Return a sentence with the files of metadata.yaml that the folder lacks; empty if it has all."""
-    listed = bag_information(path).get("relative_file_paths")
+def lost_files(path: Path, information: Mapping[str, Any]) -> str:
+    """Return a sentence with the files that a folder lacks, of those in its `bag_information`; empty if it has all."""
+    listed = information.get("relative_file_paths")
     names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []
     lost = [name for name in names if not (path / name).exists()]
     return f"metadata.yaml lists {', '.join(lost)}, which the folder lacks" if lost else ""

@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from vpsci_ros import __version__
 from vpsci_ros.bags.mcap_file import McapFile, latched
-from vpsci_ros.bags.reader import bag_files, lost_files
+from vpsci_ros.bags.reader import bag_files, bag_information, lost_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write
@@ -57,7 +57,7 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
     custom: dict[str, str] = {}
     if paths[0].parent != folder:
         raise InvalidInput(f"{folder}: expected the folder of a bag; what is whole of a file is read with --recover")
-    if lost := lost_files(folder):
+    if lost := lost_files(folder, bag_information(folder)):
         damage.append(lost)
     files = [BagFile(path.name) for path in paths]
     for path, part in zip(paths, files, strict=True):

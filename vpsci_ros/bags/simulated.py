@@ -15,7 +15,7 @@ from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
 from vpsci_ros.wire.decoder import describe
-from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.header import tick_header
 from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world import Scenario
@@ -50,8 +50,8 @@ def write_ticks(
     log, count = EpisodeLog(), 0
     for step in ticks:
         tick = step.tick
-        time = tick.number * round(config.tick * 1e9)
-        for topic, data in _messages(step, config, time):
+        time = tick_header(tick.number, config.tick).at
+        for topic, data in _messages(step, config):
             writer.write(topic, data, time, time)
         for ended in log.add(tick.number, time, _events(tick.state), writer.path.name):
             writer.add_metadata(RECORD, ended.to_record())
@@ -66,10 +66,10 @@ def _events(state: NDArray[np.void]) -> NDArray[np.void]:
     return list_events(state, (begins * (1 << STARTED) + ends * (1 << FINISHED)).astype(np.uint16))
 
 
-def _messages(step: Step, config: WorldConfig, time: int) -> Iterator[tuple[str, bytes]]:
-    """Yield topic and serialized message of one tick of one episode; `time` in nanoseconds."""
+def _messages(step: Step, config: WorldConfig) -> Iterator[tuple[str, bytes]]:
+    """Yield topic and serialized message of one tick of one episode."""
     tick, assessed = step.tick, step.assessment
-    header = WireHeader(time // 10**9, time % 10**9, layout.MAP)
+    header = tick_header(tick.number, config.tick)
     yield layout.WORLD, write_world_state(SerializedState(header, tick, config.tick))
     safety = assessed.curvttc, assessed.distance, assessed.critical
     yield layout.SAFETY, write_safety_state(SerializedSafety(header, tick.number, *safety))

@@ -69,8 +69,7 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
 def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
     """Return the result of the rule-based autopilot with one pedestrian, many episodes side by side."""
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
-    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    found, first_critical = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
+    found, first_critical = episodes_of(map(_gathered, steps), exam.world.tick, exam.scenarios, BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 

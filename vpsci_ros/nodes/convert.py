@@ -21,6 +21,7 @@ from tf2_msgs.msg import TFMessage
 from vpsci_msgs.msg import EpisodeEvent, Transition
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.wire import layout
+from vpsci_ros.wire.header import tick_header
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world.kinematics import WHEELBASE
 
@@ -49,8 +50,8 @@ def filled(message: T, fields: Mapping[str, Any]) -> T:
 
 def stamp(tick: int, period: float) -> Time:
     """Return the simulated time [s] of a tick of `period` seconds."""
-    nanoseconds = tick * round(period * 1e9)
-    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+    header = tick_header(tick, period)
+    return Time(sec=header.seconds, nanosec=header.nanoseconds)
 
 
 def event_message(events: Array, tick: int, period: float) -> EpisodeEvent:

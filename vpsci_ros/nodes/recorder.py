@@ -6,6 +6,9 @@ import time
 from functools import partial
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vpsci_msgs.msg import PolicyWeights
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
@@ -20,6 +23,7 @@ from vpsci_ros.wire.decoder import describe, rewritten
 from vpsci_ros.wire.header import stamp_of
 from vpsci_ros.wire.layout import EVENTS, TYPES
 from vpsci_ros.world import load_scenarios
+from vpsci_ros.world.state import NO_EVENTS
 
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
 _AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
@@ -96,27 +100,25 @@ class Recorder(GraphNode):
         if read is None:
             self._bag.refuse(topic)
             return
-        at, data, message = read
+        at, data, tick, events = read
         if self._ended and at > self._ended[0].end_time:
             self._write_ended()
         self._bag.write(topic, data, at, time.time_ns())
-        if topic == EVENTS:
-            self._ended += self._episodes.add(message.tick, at, layout.events(message), self._bag.files[-1].name)
+        if len(events):
+            self._ended += self._episodes.add(tick, at, events, self._bag.files[-1].name)
         if topic != "/diagnostics" or self._untimed:
             self.simulated_at = at
 
-    def _read(self, topic: str, data: bytes) -> tuple[int, bytes, Any]:
-        """Return stamp [ns] and bytes of a message as they are recorded, and, where it was decoded, the message.
+    def _read(self, topic: str, data: bytes) -> tuple[int, bytes, int, NDArray[np.void]]:
+        """Return stamp [ns] and bytes of a message as they are recorded, and of events the tick and EVENT[n].
 
         :raises InvalidInput: it has no stamp, or it is another program's and no message of its type, or ragged events.
         """
         at = stamp_of(topic, data)
-        if topic not in _AS_WRITTEN:
-            message, data = rewritten(TOPICS[topic].type_name, data, topic)
-            if topic == EVENTS:
-                layout.events(message)
-            return at, data, message
-        return at, data, None
+        if topic in _AS_WRITTEN:
+            return at, data, 0, NO_EVENTS
+        message, data = rewritten(TOPICS[topic].type_name, data, topic)
+        return at, data, *((message.tick, layout.events(message)) if topic == EVENTS else (0, NO_EVENTS))
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""

@@ -9,8 +9,8 @@ from std_msgs.msg import String
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.resources import robot_description
-from vpsci_ros.wire.header import WireHeader, write_clock
-from vpsci_ros.wire.layout import EVENTS, MAP, PlanarMotion, motion_of
+from vpsci_ros.wire.header import WireHeader, tick_header, write_clock
+from vpsci_ros.wire.layout import EVENTS, PlanarMotion, motion_of
 from vpsci_ros.wire.markers import write_markers
 from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
@@ -71,8 +71,8 @@ class WorldOutputs:
 
     def tick(self, tick: Tick) -> None:
         """Publish a tick."""
-        self._node.simulated_at = tick.number * round(self._period * 1e9)
-        header = self._header(tick.number)
+        header = tick_header(tick.number, self._period)
+        self._node.simulated_at = header.at
         self._time.publish(write_clock(header))
         self._state.publish(write_world_state(SerializedState(header, tick, self._period)))
         for output in self._fixed if not self._fixed_published else ():
@@ -86,10 +86,7 @@ class WorldOutputs:
 
     def repeat(self, tick: Tick) -> None:
         """Publish odometry and transforms of a tick once more, for readers that were not subscribed yet."""
-        self._publish_motion(tick.state, _movers(tick.state), self._header(tick.number))
-
-    def _header(self, number: int) -> WireHeader:
-        return WireHeader(*divmod(number * round(self._period * 1e9), 1_000_000_000), MAP)
+        self._publish_motion(tick.state, _movers(tick.state), tick_header(tick.number, self._period))
 
     def _publish_motion(self, state: NDArray[np.void], movers: list[PlanarMotion], header: WireHeader) -> None:
         """Publish odometry and the same as transforms."""

@@ -9,6 +9,7 @@ import struct
 from typing import NamedTuple
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.layout import MAP
 
 LITTLE_ENDIAN = b"\x00\x01"
 _START = struct.Struct("<4siII")  # encapsulation, stamp, length of frame_id with the zero that ends it
@@ -30,6 +31,11 @@ class WireHeader(NamedTuple):
     def at(self) -> int:
         """The stamp [ns]."""
         return self.seconds * 1_000_000_000 + self.nanoseconds
+
+
+def tick_header(tick: int, period: float) -> WireHeader:
+    """Return the header of a tick of `period` seconds: its simulated time, in the frame `map`."""
+    return WireHeader(*divmod(tick * round(period * 1e9), 1_000_000_000), MAP)
 
 
 def read_start(data: bytes, where: str) -> tuple[WireHeader, int, int]:
