@@ -36,10 +36,7 @@ def test_targets_follow_at_the_soft_update_rate(networks, batch):
 
 @pytest.mark.parametrize("agent", AGENTS)
 def test_an_actor_sees_its_own_earlier_actions_only(networks, batch, agent):
-    maddpg, changed = (
-        Maddpg(networks(gain=20.0), UpdatesConfig()),
-        batch.action[agent].clone(),
-    )
+    maddpg, changed = (Maddpg(networks(gain=20.0), UpdatesConfig()), batch.action[agent].clone())
     changed[:, 3] += 5.0
     with torch.no_grad():
         before, after = (maddpg.act(b) for b in (batch, replace(batch, action=batch.action | {agent: changed})))
@@ -138,7 +135,7 @@ def test_values_reach_over_a_hand_back_to_the_next_hand_over_discounted_by_the_t
     history.acting[:] = [True, True, False, False, again]
     batch = collate([history])
     reward = {a: UNIT * torch.tensor([[1.0, 2.0, 8.0, 0.0, 4.0]]) for a in AGENTS}
-    targets = Maddpg(made, UpdatesConfig(discount=0.5))._targets(Scored(batch.action, reward, batch), NO_NOISE)[
+    targets = Maddpg(made, UpdatesConfig(discount=0.5)).targets(Scored(batch.action, reward, batch), NO_NOISE)[
         "vehicle"
     ][0]
     before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a]], dim=1) for a in AGENTS}
@@ -164,7 +161,7 @@ def test_steps_after_the_policies_last_one_need_not_be_encoded_for_the_same_targ
     maddpg, found = Maddpg(made, UpdatesConfig(discount=0.9)), []
     for batch in (collate([history]), collate([short])):
         reward = {agent: batch.events[agent].sum(dim=2) for agent in AGENTS}
-        targets = maddpg._targets(Scored(batch.action, reward, batch), NO_NOISE)
+        targets = maddpg.targets(Scored(batch.action, reward, batch), NO_NOISE)
         found.append(torch.stack([targets[agent][batch.present] for agent in AGENTS]))
     assert (len(short), short.steps) == (acting, history.steps)
     torch.testing.assert_close(found[1], found[0])
@@ -176,14 +173,14 @@ def test_the_lesser_of_two_critics_targets_counts(networks):
     batch = collate([made_up(40, terminal=False, seed=4)])
     scored = Scored(batch.action, {a: torch.zeros(1, 40) for a in AGENTS}, batch)
     alone = Networks.from_weights(made.weights({}, {}))
-    middle = Maddpg(alone, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"].median()
+    middle = Maddpg(alone, UpdatesConfig(discount=1.0)).targets(scored, NO_NOISE)["vehicle"].median()
     with torch.no_grad():  # values on both sides of zero, and a second critic whose values are the opposite
         alone.target_critic["vehicle"].head[-1].bias.sub_(middle)
         for critics, sign in zip(made.target_critics, (1.0, -1.0), strict=True):
             critics.load_state_dict(alone.target_critic.state_dict())
             critics["vehicle"].scale_values(sign)
-    one = Maddpg(alone, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"]
-    least = Maddpg(made, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"]
+    one = Maddpg(alone, UpdatesConfig(discount=1.0)).targets(scored, NO_NOISE)["vehicle"]
+    least = Maddpg(made, UpdatesConfig(discount=1.0)).targets(scored, NO_NOISE)["vehicle"]
     assert (one < 0.0).any()
     assert (one > 0.0).any()
     torch.testing.assert_close(least, -one.abs())
@@ -198,7 +195,7 @@ def test_noise_on_target_actions_is_cut_off_at_two_deviations_and_at_the_limit(n
     )
     scored = Scored(batch.action, {a: torch.zeros(1, 200) for a in AGENTS}, batch)
     for deviation in (0.0, 0.5):
-        Maddpg(made, UpdatesConfig(target_noise=deviation))._targets(scored, np.random.default_rng(6))
+        Maddpg(made, UpdatesConfig(target_noise=deviation)).targets(scored, np.random.default_rng(6))
     plain, noisy = seen[0], seen[2]  # the vehicle's actions of both calls
     inside = plain.abs() < 4.0
     off = (noisy - plain)[inside]

@@ -14,28 +14,31 @@ from vpsci_ros.policy.weights import load_weights
 
 SMALL = NetworkConfig(hidden=16, heads=2)
 SHORT = PretrainConfig(
-    episodes=6,
-    evaluate_every=3,
-    checkpoint_every=2,
-    held_out_fraction=0.3,
-    replay=ReplayConfig(batch_size=40),
+    episodes=6, evaluate_every=3, checkpoint_every=2, held_out_fraction=0.3, replay=ReplayConfig(batch_size=40)
 )
 
 
-def test_a_stopped_run_goes_on_to_the_same_result(tmp_path, near_misses):
-    whole = pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path / "whole")
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, near_misses):
+    """Folder of a run to its end, not to be changed, and what it reported."""
+    folder, reports = tmp_path_factory.mktemp("whole"), []
+    pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=folder, report=reports.append)
+    return folder, reports
 
+
+def test_a_stopped_run_goes_on_to_the_same_result(tmp_path, near_misses, whole):
     def stop(values):
         if values["episode"] == 3:
             raise Stopped
 
     with pytest.raises(Stopped):
-        pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path / "parts", report=stop)
-    assert not (tmp_path / "parts" / "pretrained.safetensors").exists()
-    resumed = pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path / "parts")
-    assert all(np.array_equal(whole.tensors[name], resumed.tensors[name]) for name in whole.tensors)
-    assert (tmp_path / "parts" / "log.csv").read_text() == (tmp_path / "whole" / "log.csv").read_text()
-    assert not (tmp_path / "parts" / "checkpoint.safetensors").exists()
+        pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path, report=stop)
+    assert not (tmp_path / "pretrained.safetensors").exists()
+    resumed = pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path)
+    expected = load_weights(whole[0] / "pretrained.safetensors")
+    assert all(np.array_equal(expected.tensors[name], resumed.tensors[name]) for name in expected.tensors)
+    assert (tmp_path / "log.csv").read_text() == (whole[0] / "log.csv").read_text()
+    assert not (tmp_path / "checkpoint.safetensors").exists()
 
 
 def test_a_checkpoint_of_another_run_is_refused(tmp_path, near_misses):
@@ -48,10 +51,9 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path, near_misses):
         pretrain(near_misses, SHORT, SMALL, seed=6, out_dir=tmp_path)
 
 
-def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
-    reports = []
-    pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path, report=reports.append)
-    weights = load_weights(tmp_path / "pretrained.safetensors")
+def test_weights_and_log_say_how_they_came_about(near_misses, whole):
+    folder, reports = whole
+    weights = load_weights(folder / "pretrained.safetensors")
     assert weights.configuration["PretrainConfig"]["episodes"] == 6
     assert weights.facts["seed"] == 5
     assert weights.facts["stage"] == "pretrained"
@@ -59,7 +61,7 @@ def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
     clips = {f"{s}/{c}" for s, c in near_misses.select("source", "clip").unique().rows()}
     assert held_out
     assert held_out < clips
-    with open(tmp_path / "log.csv", newline="") as file:
+    with open(folder / "log.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["episode"]) for row in rows] == [1, 2, 3, 4, 5, 6]
     assert [bool(row["closed_loop_ade"]) for row in rows] == [False, False, True, False, False, True]

@@ -115,7 +115,7 @@ class Maddpg:
         Errors and losses are those of the first critics, whose values the actors follow.
         """
         count = batch.present.sum()
-        targets = self._targets(scored, rng)
+        targets = self.targets(scored, rng)
         states, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
         losses = []
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
@@ -149,7 +149,7 @@ class Maddpg:
         return torch.zeros_like(action) if self.alone else action
 
     @torch.no_grad()
-    def _targets(self, scored: Scored, rng: np.random.Generator) -> Tensors:
+    def targets(self, scored: Scored, rng: np.random.Generator) -> Tensors:
         """Return y(t) = R(t) + gamma min Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1))), the least of all critics.
 
         Target actions get normal noise of `target_noise`, cut off at twice that.
