@@ -32,6 +32,14 @@ def straight(x=0.0, y=0.0, hdg=0.0, length=20.0, id=1, **rest):  # noqa: A002
     return road(PIECE.format(s=0, x=x, y=y, hdg=hdg, length=length, kind="<line/>"), length, id, **rest)
 
 
+def end_of_reference(found: OpenDriveMap) -> tuple[float, float, float]:
+    """Where the reference line of road 1 ends: x, y [m] and heading [rad], from the lanes 2 m right and 1.5 m left."""
+    right, left = found.lane_centre(1, -1)[-1], found.lane_centre(1, 1)[0]
+    across = left - right
+    assert np.hypot(*across) == pytest.approx(3.5)
+    return *(right + across * 2.0 / 3.5), math.atan2(-across[0], across[1])
+
+
 def test_lanes_lie_beside_the_reference_line_and_are_driven_on_the_right(tmp_path):
     found = OpenDriveMap(write(tmp_path, straight()))
     right, left = found.lane_centre(1, -1), found.lane_centre("1", 1)
@@ -52,11 +60,10 @@ def test_an_arc_is_a_circle(tmp_path):
 def test_a_spiral_ends_where_fresnels_integrals_say(tmp_path):
     # curvature 0 to 0.1 over 10 m: heading s^2 / 200, so 0.5 rad at the end; x = 10 (1 - 0.5^2/10 + 0.5^4/216 - ...)
     piece = PIECE.format(s=0, x=0, y=0, hdg=0, length=10, kind='<spiral curvStart="0" curvEnd="0.1"/>')
-    found = OpenDriveMap(write(tmp_path, road(piece, 10)))
-    x, y, heading = found._reference(found._road(1), np.array([10.0]))
-    assert heading[0] == pytest.approx(0.5)
-    assert x[0] == pytest.approx(10 * (1 - 0.25 / 10 + 0.0625 / 216 - 0.015625 / 9360), abs=1e-5)
-    assert y[0] == pytest.approx(10 * (0.5 / 3 - 0.125 / 42 + 0.03125 / 1320), abs=1e-5)
+    x, y, heading = end_of_reference(OpenDriveMap(write(tmp_path, road(piece, 10))))
+    assert heading == pytest.approx(0.5)
+    assert x == pytest.approx(10 * (1 - 0.25 / 10 + 0.0625 / 216 - 0.015625 / 9360), abs=1e-5)
+    assert y == pytest.approx(10 * (0.5 / 3 - 0.125 / 42 + 0.03125 / 1320), abs=1e-5)
 
 
 @pytest.mark.parametrize(("range_", "scale"), [("normalized", 1.0), ("arcLength", 0.1)])
@@ -64,9 +71,9 @@ def test_a_parametric_cubic_is_evaluated_over_its_range(tmp_path, range_, scale)
     b, d = 10 * scale, 2 * scale**3
     kind = f'<paramPoly3 aU="0" bU="{b}" cU="0" dU="0" aV="0" bV="0" cV="0" dV="{d}" pRange="{range_}"/>'
     found = OpenDriveMap(write(tmp_path, road(PIECE.format(s=0, x=1, y=1, hdg=math.pi / 2, length=10, kind=kind), 10)))
-    x, y, heading = found._reference(found._road(1), np.array([0.0, 10.0]))
-    assert [x[1], y[1]] == pytest.approx([1 - 2, 1 + 10])  # u forward is north here, v left is west
-    assert heading[1] - math.pi / 2 == pytest.approx(math.atan2(6, 10))
+    x, y, heading = end_of_reference(found)
+    assert [x, y] == pytest.approx([1 - 2, 1 + 10])  # u forward is north here, v left is west
+    assert heading - math.pi / 2 == pytest.approx(math.atan2(6, 10))
 
 
 def test_a_route_joins_lanes_in_the_order_of_driving(tmp_path):
@@ -81,11 +88,7 @@ def test_a_route_joins_lanes_in_the_order_of_driving(tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [
-        ("<OpenDRIVE><road", "XML that does not parse"),
-        ("<kml/>", "root element 'kml'"),
-        (None, "cannot be read"),
-    ],
+    [("<OpenDRIVE><road", "XML that does not parse"), ("<kml/>", "root element 'kml'"), (None, "cannot be read")],
 )
 def test_a_file_that_is_no_map_is_refused(tmp_path, content, message):
     path = tmp_path / "map.xodr"
