@@ -95,11 +95,7 @@ def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, given: st
     ],
 )
 def test_security_that_is_requested_and_not_to_be_had_is_refused_before_anything_starts(
-    strategy: str,
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    strategy: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", strategy)

@@ -34,7 +34,7 @@ forked = pytest.mark.usefixtures("forked_nodes")  # for the rest of the module, 
 
 
 def sections(weights: str, **world: Any) -> Sections:
-    settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4} | world
+    settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "episode_time": 6.0} | world
     return Sections(
         {
             "graph": {"nodes": GENERATE, "progress_timeout": 240.0},
@@ -77,8 +77,7 @@ def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
     assert whole.error == ""
     chosen, recorded = sections(weights), recorded_ticks(whole.bag)
 
-    run = chosen.get(RunConfig, "world_simulator")
-    config = WorldConfig()
+    run, config = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
     world = World(config, load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
     count = controlled = 0
     for step in Loop(world, agents=policies(load_weights(weights), world)):

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from nodes.stage import Stage, overrides
+from geometry_msgs.msg import AccelStamped
+from nodes.stage import PATIENCE, Stage, overrides
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
@@ -95,13 +96,19 @@ def test_parameters_that_may_change_do_and_bad_values_are_refused_with_the_reaso
 
     assert change("real_time_factor", 2.0) == ""
     assert 25_000_000 in [timer.timer_period_ns for timer in world.timers]
-    assert change("action_timeout", 7.5) == ""
-    assert world._lock_step.config.action_timeout == 7.5
     assert "read-only" in change("batch", 2)
     assert "real_time_factor" in change("real_time_factor", -1.0)
     assert "expected 'Type.DOUBLE' got 'Type.STRING'" in change("real_time_factor", "fast")
     assert "action_timeout" in change("action_timeout", float("nan"))
     assert world.get_parameter("real_time_factor").value == 2.0
+
+
+def test_a_shorter_time_to_wait_for_answers_counts_at_the_present_tick(begin: Callable[..., Session]) -> None:
+    session = begin(vehicle_driver="external", action_timeout=PATIENCE, episodes=1, episode_time=0.5)
+    session.peer.create_publisher(AccelStamped, "vehicle/cmd_accel", 10)  # which says nothing
+    session.spin_until(lambda: session.ticks[:1] == [0])
+    session.world.set_parameters([Parameter("action_timeout", value=0.01)])
+    session.spin_until(lambda: session.world.finished)
 
 
 def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> None:

@@ -106,9 +106,9 @@ def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, 
 
 
 def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns_on(
-    context: Context, stage: Callable[..., Stage], weights: str, tmp_path: Path
+    context: Context, stage: Callable[..., Stage], weights: str, near_misses_file: Path, tmp_path: Path
 ) -> None:
-    chosen = {"stage": "refine", "weights": weights, "output": str(tmp_path)}
+    chosen = {"stage": "refine", "weights": weights, "output": str(tmp_path), "near_misses": [str(near_misses_file)]}
     learner = Learner(context=context, parameter_overrides=overrides(**chosen))
     stage(learner, peer="world_simulator").peer.create_subscription(UInt64, "replay/consumed", lambda _: None, 1)
     rows = np.zeros(4, TRANSITION)

@@ -83,11 +83,7 @@ def test_of_a_topic_that_graphs_share_each_takes_its_own(prefix: str, own: bool)
     state = np.zeros(1, EPISODE)
     poses = moving(state[0], "left/")
     status = DiagnosticArray(status=[DiagnosticStatus(name="left/world_simulator")])
-    for topic, message in (
-        ("/tf", poses),
-        ("/tf_static", convert.fixed_transforms("left/")),
-        ("/diagnostics", status),
-    ):
+    for topic, message in (("/tf", poses), ("/tf_static", convert.fixed_transforms("left/")), ("/diagnostics", status)):
         assert is_own(topic, serialize_message(message), prefix) is own
     assert not is_own("/tf", serialize_message(TFMessage()), "left/")
     for names in (["left/somebody_else"], []):
