@@ -3,6 +3,7 @@
 import re
 import shlex
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,12 @@ PAGES = [
     *sorted((ROOT / "vpsci_ros/extras").glob("*/README.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
+VPSCI = typer.main.get_command(app)
 _LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)")
 _BLOCK = re.compile(r"^```(?:bash|sh)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
+@cache
 def anchors(page: Path) -> set[str]:
     """Return the anchors of a page's headings, as GitHub makes them."""
     titles = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.MULTILINE)
@@ -42,8 +45,7 @@ def commands(page: Path) -> Iterator[list[str]]:
 
 def options(words: list[str]) -> tuple[Any, list[str]]:
     """Follow words down to the command that they name; return it and the options given to it."""
-    command = typer.main.get_command(app)
-    rest = list(words)
+    command, rest = VPSCI, list(words)
     while hasattr(command, "commands") and rest:
         name = rest.pop(0)
         found = command.get_command(typer.Context(command), name)

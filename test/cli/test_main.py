@@ -9,8 +9,10 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.cli.main import main
+from vpsci_ros.data.near_misses import write_near_misses
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "params"
@@ -126,24 +128,19 @@ def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
 def test_pretraining_writes_weights_that_evaluation_reads(
     vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:
-    small = [f"learner.{name}" for name in ("episodes=2", "replay.batch_size=16")]
-    from synthetic import synthetic_near_misses
-
-    from vpsci_ros.data.near_misses import write_near_misses
-
-    write_near_misses(synthetic_near_misses().table, tmp_path / "all.parquet")
+    small = [f"learner.{name}" for name in ("episodes=2", "replay.batch_size=16", "hidden=16")]
+    table = synthetic_near_misses(24).table
+    write_near_misses(table, tmp_path / "all.parquet")
+    write_near_misses(table.filter(pl.col("interaction") < 8), tmp_path / "near.parquet")
     settings = [argument for text in small for argument in ("--set", text)]
     stage = ["--params", str(PARAMS / "stage1_pretrain.yaml"), "--near-misses", str(tmp_path / "all.parquet")]
     run = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"), *settings)
     assert run.returncode == 0, run.stderr
     weights = str(tmp_path / "run" / "pretrained.safetensors")
 
-    write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
     arguments = ["--data", str(tmp_path / "near.parquet"), "--json", str(tmp_path / "out.json")]
     result = vpsci("evaluate", *arguments, "--weights", f"own={weights}")
     assert result.returncode == 0, result.stderr
-    import json
-
     models = json.loads((tmp_path / "out.json").read_text())["models"]
     assert set(models) == {
         "own",

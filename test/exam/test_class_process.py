@@ -1,6 +1,7 @@
 """A driving system's class in a process of its own: whatever it does there, the exam has an answer to each scene."""
 
 import re
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,10 +12,10 @@ import pytest
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.class_process import class_process, files_of_class
 from vpsci_ros.exam.driver_class import Answer, Scene, find_driver
+from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import World, WorldConfig, load_scenario
 
 Drive = Callable[..., list[Answer]]
-EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
 ONE = Answer("vehicle", [1.0, 0.0])
 
 
@@ -49,7 +50,6 @@ def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("import sys; sys.exit(0)", "ends the program while it is imported .SystemExit: 0.; put its main under"),
         ("import os; os._exit(0)", "while its module was imported, the ADS ended with exit status 0"),
         (mine("") + "  def __init__(self):\n    raise SystemExit(0)", r"Mine\(\) cannot be made: SystemExit: 0"),
     ],
@@ -67,6 +67,7 @@ def test_a_class_that_cannot_be_made_is_refused_in_words(drive: Drive, text: str
         ("import no_such_module_here", "cannot be imported: No module named 'no_such_module_here'"),
         ("1 / 0", "cannot be imported: ZeroDivisionError"),
         ("raise KeyboardInterrupt", "cannot be imported: KeyboardInterrupt"),
+        ("import sys; sys.exit(0)", "ends the program while it is imported .SystemExit: 0.; put its main under"),
     ],
 )
 def test_a_module_without_a_driver_is_refused_with_what_it_lacks(
@@ -136,11 +137,13 @@ def test_a_class_that_never_returns_is_ended_whatever_it_catches(drive: Drive) -
 def test_it_runs_in_the_folder_of_the_command_and_says_which_file_it_is_of(drive: Drive, tmp_path: Path) -> None:
     assert drive(mine(f"import os; assert os.getcwd() == {str(tmp_path)!r}; os.chdir('/')"))[0] == ONE
     assert Path.cwd() == tmp_path
-    assert files_of_class("a_driver:Mine").keys() == {"a_driver.py"}
-    ((name, digest),) = files_of_class(EXAMPLE).items()
-    assert name == "example_driver.py"
-    assert re.fullmatch("[0-9a-f]{64}", digest)
-    with pytest.raises(InvalidInput, match="expected MODULE:CLASS"):
-        files_of_class("a_driver")
-    with pytest.raises(InvalidInput, match="no module 'no_such_module'"):
-        files_of_class("no_such_module:Mine")
+    assert files_of_class("a_driver:Mine") == {"a_driver.py": sha256(tmp_path / "a_driver.py")}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("a_driver", "expected MODULE:CLASS"), ("no_such_module:Mine", "no module 'no_such_module'")]
+)
+def test_what_names_no_class_is_refused(monkeypatch: pytest.MonkeyPatch, text: str, said: str) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    with pytest.raises(InvalidInput, match=said):
+        find_driver(text)

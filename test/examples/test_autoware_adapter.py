@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field, make_dataclass
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -19,59 +19,35 @@ from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_S
 from vpsci_ros.world.perception import OBJECT, SEEN
 
 
-@dataclass(slots=True)
-class ObjectClassification:
-    label: int = 0
-    probability: float = 0.0
+def message(name: str, **fields: Callable[[], Any]) -> type:
+    """Return a class of a message with these fields, each made anew, and no others."""
+    made = [(key, Any, field(default_factory=default)) for key, default in fields.items()]
+    return make_dataclass(name, made, slots=True)
 
 
+ObjectClassification = message("ObjectClassification", label=int, probability=float)
 ObjectClassification.PEDESTRIAN = 7
-
-
-@dataclass(slots=True)
-class PredictedPath:
-    path: list[Any] = field(default_factory=list)
-    time_step: Duration = field(default_factory=Duration)
-    confidence: float = 0.0
-
-
-@dataclass(slots=True)
-class Kinematics:
-    initial_pose_with_covariance: PoseWithCovariance = field(default_factory=PoseWithCovariance)
-    initial_twist_with_covariance: TwistWithCovariance = field(default_factory=TwistWithCovariance)
-    predicted_paths: list[PredictedPath] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class Shape:
-    type: int = 0
-    dimensions: Vector3 = field(default_factory=Vector3)
-
-
+PredictedPath = message("PredictedPath", path=list, time_step=Duration, confidence=float)
+Kinematics = message(
+    "Kinematics",
+    initial_pose_with_covariance=PoseWithCovariance,
+    initial_twist_with_covariance=TwistWithCovariance,
+    predicted_paths=list,
+)
+Shape = message("Shape", type=int, dimensions=Vector3)
 Shape.CYLINDER = 1
-
-
-@dataclass(slots=True)
-class PredictedObject:
-    object_id: Any = field(default_factory=lambda: SimpleNamespace(uuid=[0] * 16))
-    existence_probability: float = 0.0
-    classification: list[ObjectClassification] = field(default_factory=list)
-    kinematics: Kinematics = field(default_factory=Kinematics)
-    shape: Shape = field(default_factory=Shape)
-
-
-@dataclass(slots=True)
-class PredictedObjects:
-    header: Header = field(default_factory=Header)
-    objects: list[PredictedObject] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class VelocityReport:
-    header: Header = field(default_factory=Header)
-    longitudinal_velocity: float = 0.0
-    lateral_velocity: float = 0.0
-    heading_rate: float = 0.0
+PredictedObject = message(
+    "PredictedObject",
+    object_id=lambda: SimpleNamespace(uuid=[0] * 16),
+    existence_probability=float,
+    classification=list,
+    kinematics=Kinematics,
+    shape=Shape,
+)
+PredictedObjects = message("PredictedObjects", header=Header, objects=list)
+VelocityReport = message(
+    "VelocityReport", header=Header, longitudinal_velocity=float, lateral_velocity=float, heading_rate=float
+)
 
 
 @pytest.fixture(scope="module")
