@@ -5,14 +5,7 @@ from dataclasses import dataclass
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import (
-    build,
-    check_sections,
-    parameter,
-    read_parameter_file,
-    table,
-    values_of,
-)
+from vpsci_ros.parameters import build, check_sections, parameter, read_parameter_file, table, values_of
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,7 @@ def test_the_papers_files_have_the_papers_values(name, kind, section, expected):
 
 
 @pytest.mark.parametrize(
-    ("kind", "expected"),
-    [(PretrainConfig, STAGE_1), (NetworkConfig, NETWORK), (RefineConfig, STAGE_2)],
+    ("kind", "expected"), [(PretrainConfig, STAGE_1), (NetworkConfig, NETWORK), (RefineConfig, STAGE_2)]
 )
 def test_without_a_parameter_file_learning_has_the_papers_values(kind, expected):
     values = values_of(kind())

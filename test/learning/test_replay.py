@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.learning.replay import (
-    WINDOW,
-    History,
-    ReplayBuffer,
-    collate,
-    draw_recorded,
-    recorded_steps,
-)
+from vpsci_ros.learning.replay import WINDOW, History, ReplayBuffer, collate, draw_recorded, recorded_steps
 from vpsci_ros.world.observation import AGENTS
 
 

@@ -137,12 +137,7 @@ def test_a_history_whose_last_row_was_lost_is_dropped_once_nothing_can_end_it():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("vehicle_observation", np.nan),
-        ("next_vehicle_observation", 1e30),
-        ("collision", 2),
-    ],
+    ("name", "value"), [("vehicle_observation", np.nan), ("next_vehicle_observation", 1e30), ("collision", 2)]
 )
 def test_a_transition_that_would_spoil_every_weight_is_refused_and_its_history_dropped(run, name, value):
     first = run[0][run[0]["scenario"] == 1]

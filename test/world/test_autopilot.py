@@ -8,18 +8,10 @@ from world.helpers import SCENARIOS, episodes
 
 from vpsci_ros.world import GOAL, World, WorldConfig
 from vpsci_ros.world.kinematics import MAX_DECELERATION
-from vpsci_ros.world.lane_driving import (
-    COMFORT_ACCELERATION,
-    COMFORT_DECELERATION,
-    LATERAL_COMFORT,
-)
+from vpsci_ros.world.lane_driving import COMFORT_ACCELERATION, COMFORT_DECELERATION, LATERAL_COMFORT
 
 ALONE = WorldConfig(
-    spawn="paper",
-    vehicle_driver="autopilot",
-    pedestrian_driver="autopilot",
-    episode_time=40.0,
-    proximity_distance=0.0,
+    spawn="paper", vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=40.0, proximity_distance=0.0
 )
 
 
@@ -91,10 +83,7 @@ def test_the_autopilot_drives_within_comfort_when_nobody_is_in_its_way(alone):
 def standing_in_the_way(proximity: float):
     """Scenario 3 with the pedestrian standing on the lane, 4 m beyond where it is crossed; return the frames."""
     config = WorldConfig(
-        spawn="paper",
-        vehicle_driver="autopilot",
-        pedestrian_driver="constant_velocity",
-        proximity_distance=proximity,
+        spawn="paper", vehicle_driver="autopilot", pedestrian_driver="constant_velocity", proximity_distance=proximity
     )
     world = World(config, [SCENARIOS[2]], [(3, 0)], 1, 1)
     x, y = SCENARIOS[2].vehicle.path.at(world.state["route_s"][0] + 12.0)

@@ -8,16 +8,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import EYE_FORWARD, parked_from
-from vpsci_ros.world.perception import (
-    ABSENT,
-    HIDDEN,
-    LOST,
-    OUT_OF_VIEW,
-    SEEN,
-    PerceptionConfig,
-    blank,
-    perceive,
-)
+from vpsci_ros.world.perception import ABSENT, HIDDEN, LOST, OUT_OF_VIEW, SEEN, PerceptionConfig, blank, perceive
 from vpsci_ros.world.state import EPISODE, RUNNING
 
 TICK = 0.05

@@ -10,13 +10,7 @@ from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, frames, nothing, ru
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import clearance
 from vpsci_ros.world import COLLISION, ENDED, GOAL, RUNNING, TIMEOUT, World, WorldConfig
-from vpsci_ros.world.state import (
-    FINISHED,
-    PEDESTRIAN_ACTION_MISSING,
-    SAFETY_MISSING,
-    STARTED,
-    VEHICLE_ACTION_MISSING,
-)
+from vpsci_ros.world.state import FINISHED, PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 PAIRS = [(scenario, number) for number in range(12) for scenario in range(1, 9)]
