@@ -80,7 +80,7 @@ ARMS = {
     "one_critic": _updates(critics=1),
     "no_target_noise": _updates(target_noise=0.0),
     **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.1, 0.3, 3.0)},
-    **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 100.0)},
+    **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 25.0)},
     "lambda_1e-4": _rewards(weight_temperature=1e-4),
     "paper_spawn": Arm(settings=("world_simulator.spawn=paper",)),
     "ten_seconds": Arm(settings=("world_simulator.episode_time=10",)),

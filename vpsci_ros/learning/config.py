@@ -115,9 +115,7 @@ class RewardsConfig:
 
     collision: float = constant(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal: float = constant(100.0, "C_goal of (26)", low=0.0, high=1e6)
-    speed_scaling: float = parameter(
-        25.0, "factor on the speed reward in simulation; Table 8 has 100: docs/results.md", low=0.0, high=1e6
-    )
+    speed_scaling: float = constant(100.0, "factor on the speed reward in simulation", low=0.0, high=1e6)
     weights: list[float] = constant(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
     )
