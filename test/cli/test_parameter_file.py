@@ -46,10 +46,10 @@ def test_what_the_exam_sets_itself_is_refused_in_its_file(tmp_path: Path) -> Non
 
 
 def test_groups_may_be_written_as_mappings_or_with_dots(tmp_path: Path) -> None:
-    first = load(written(tmp_path, learner={"stage": "refine", "rewards": {"speed_scaling": 2.0}}))
-    second = load(written(tmp_path, learner={"stage": "refine", "rewards.speed_scaling": 2.0}))
+    first = load(written(tmp_path, learner={"stage": "refine", "replay": {"batch_size": 64}}))
+    second = load(written(tmp_path, learner={"stage": "refine", "replay.batch_size": 64}))
     assert first == second
-    assert first.get(RefineConfig, "learner").rewards.speed_scaling == 2.0
+    assert first.get(RefineConfig, "learner").replay.batch_size == 64
 
 
 @pytest.mark.parametrize(

@@ -74,11 +74,11 @@ def test_a_node_whose_making_fails_is_destroyed_at_once_and_not_by_the_garbage_c
 def test_a_learner_has_the_parameters_of_its_stage_and_refuses_those_of_the_other(context: Context) -> None:
     learner = GraphNode("learner", context=context, parameter_overrides=[override("rewards.exploration", 0.25)])
     assert learner.config(PretrainConfig).rewards.exploration == 0.25
-    assert not learner.has_parameter("rewards.speed_scaling")
+    assert not learner.has_parameter("imitation")
     learner.destroy_node()
-    refine = [override("stage", "refine"), override("rewards.speed_scaling", 10.0)]
+    refine = [override("stage", "refine"), override("imitation", 0.25)]
     learner = GraphNode("learner", context=context, parameter_overrides=refine)
-    assert learner.config(RefineConfig).rewards.speed_scaling == 10.0
+    assert learner.config(RefineConfig).imitation == 0.25
     learner.destroy_node()
     with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'rewards.exploration'"):
         GraphNode("learner", context=context, parameter_overrides=[*refine, override("rewards.exploration", 0.25)])
