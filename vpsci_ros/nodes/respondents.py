@@ -1,5 +1,6 @@
 """The nodes that answer the world's ticks: their messages for the lock-step, and missing answers."""
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -16,11 +17,14 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.failures import ADS
 from vpsci_ros.nodes.topics import COMMANDS
+from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import read_action, read_safety_state
 from vpsci_ros.wire.layout import MAP, WORLD
 from vpsci_ros.world.lockstep import SAFETY, LockStep
 from vpsci_ros.world.safe_stop import ExternalDriver
+
+STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
 
 
 class Respondents:
@@ -40,6 +44,7 @@ class Respondents:
                 take = partial(self._take_action, agent)
                 self._names[agent] = names.format(agent)
                 self._inputs[self._names[agent]] = self._listen(f"/{agent}/action", take)
+        self._all_here_since: float | None = None
         self._commands = []
         if lock_step.external:
             self._commands = [
@@ -52,7 +57,19 @@ class Respondents:
         """Return whether any program publishes commands to the vehicle."""
         return any(given.get_publisher_count() for given in self._commands)
 
-    def absent(self) -> set[str]:
+    def missing(self, outputs: WorldOutputs) -> set[str]:
+        """Return what the world waits for before its first tick; called until that is nothing.
+
+        Nodes that have to answer must be there, and the readers of `outputs`. Readers that are only announced get
+        `STRANGER_PATIENCE` from then on.
+        """
+        absent, now = self._absent() | outputs.absent(), time.monotonic()
+        self._all_here_since = None if absent else self._all_here_since or now
+        if self._all_here_since and now - self._all_here_since < STRANGER_PATIENCE:
+            return self._not_subscribed() | outputs.unread()
+        return absent
+
+    def _absent(self) -> set[str]:
         """Return the nodes whose answers the world needs and that do not publish yet."""
         absent = {name for name, given in self._inputs.items() if not given.get_publisher_count()}
         return absent | ({ADS} if self._commands and not self.commanded() else set())
@@ -61,15 +78,14 @@ class Respondents:
         """Return the nodes that have not answered the present tick yet."""
         return {self._names[sender] for sender in self._lock_step.unanswered}
 
-    def not_subscribed(self) -> set[str]:
+    def _not_subscribed(self) -> set[str]:
         """Return the nodes that publish answers but are not yet seen to subscribe to the ticks."""
         state, odometry = self._node.full_name(WORLD), self._node.full_name("/vehicle/odometry")
-        found = self._not_subscribed(self._inputs.values(), state)
-        return found | (
-            self._not_subscribed(self._commands, odometry) if self._not_subscribed(self._commands, state) else set()
-        )
+        found, unaware = self._not_reading(self._inputs.values(), state), self._not_reading(self._commands, state)
+        return found | (self._not_reading(self._commands, odometry) if unaware else set())
 
-    def _not_subscribed(self, inputs: Iterable[Subscription], topic: str) -> set[str]:
+    def _not_reading(self, inputs: Iterable[Subscription], topic: str) -> set[str]:
+        """Return the publishers of `inputs` that do not subscribe to a topic."""
         readers = self._node.get_subscriptions_info_by_topic(topic)
         known = {(reader.node_namespace, reader.node_name) for reader in readers}
         writers = [each for given in inputs for each in self._node.get_publishers_info_by_topic(given.topic_name)]

@@ -30,10 +30,8 @@ from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.state import FINISHED
 
-STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
 REPEAT_AFTER = 1.0  # [s] without an answer to the first tick
 LATE = 1.0  # [s] after which an answer that is missing is reported
-LOG_PERIOD = 10.0  # [s] of wall time between lines about an episode's end
 
 
 class WorldSimulator(GraphNode):
@@ -67,8 +65,7 @@ class WorldSimulator(GraphNode):
         self._builder = TransitionBuilder() if config.publish_transitions else None
         self._consumed = 0  # transitions, by the learner
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
-        self._repeated_at = self._log_at = 0.0  # [s] of the first tick once more; when an end is worth a line again
-        self._all_here_since: float | None = None
+        self._repeated_at = 0.0  # [s] of the first tick once more
         self._awaited: set[str] = set()
         self._reported_tick = 0
         self._outputs = WorldOutputs(self, self._config, config.publish_transitions, self._run.batch, self._scenarios)
@@ -156,57 +153,46 @@ class WorldSimulator(GraphNode):
         return response
 
     def _on_timer(self) -> None:
-        if self._lock_step.tick is None:
+        lock_step, now = self._lock_step, time.monotonic()
+        if lock_step.tick is None:
             self._begin_when_all_are_here()
             return
-        if self._lock_step.running and self._lock_step.behind:
+        self._awaited = set()
+        if lock_step.running and lock_step.behind:
             topic = self.full_name("/replay")
             self.get_logger().info(f"waiting for the learner to catch up on {topic}", throttle_duration_sec=10.0)
-        now = time.monotonic()
-        if self._first_tick_unanswered and now - max(self._repeated_at, self._tick_started) > REPEAT_AFTER:
+        elif lock_step.running and not lock_step.paused:
             self._repeat_first_tick(now)
-        self._look_for_late_answers(now)
+            self._look_for_late_answers(now - self._tick_started)
         self._go_on(now)
 
-    def _look_for_late_answers(self, now: float) -> None:
-        patience = min(LATE, self._lock_step.config.action_timeout)
-        waits = self._lock_step.running and not self._lock_step.paused and not self._lock_step.behind
-        self._awaited = self._respondents.unanswered() if waits and now - self._tick_started > patience else set()
+    def _look_for_late_answers(self, waited: float) -> None:
+        if waited > min(LATE, self._lock_step.config.action_timeout):
+            self._awaited = self._respondents.unanswered()
         if self._awaited:
             text = f"no answer to tick {self._loop.world.now.number} from {', '.join(self.awaited)}"
-            self.get_logger().warning(f"{text} for {now - self._tick_started:.1f} s", throttle_duration_sec=5.0)
-
-    @property
-    def _first_tick_unanswered(self) -> bool:
-        """Whether a driving system leaves the very first tick unanswered, and may not have received it."""
-        external, waits = self._lock_step.external, self._lock_step.running and not self._lock_step.paused
-        return external is not None and waits and self._loop.world.now.number == 0 and not external.answered
+            self.get_logger().warning(f"{text} for {waited:.1f} s", throttle_duration_sec=5.0)
 
     def _repeat_first_tick(self, now: float) -> None:
-        """Publish the tick to the driving system once more: its subscriptions may have been matched too late for it."""
-        assert self._lock_step.external is not None
-        self._repeated_at = now
-        self._lock_step.external.repeat()
-        self._outputs.repeat(self._loop.world.now)
+        """Publish an unanswered first tick to a driving system again: its subscriptions may have been matched late."""
+        external, tick = self._lock_step.external, self._loop.world.now
+        if external is None or external.answered or tick.number > 0:
+            return
+        if now - max(self._repeated_at, self._tick_started) > REPEAT_AFTER:
+            self._repeated_at = now
+            external.repeat()
+            self._outputs.repeat(tick)
 
     def _on_consumed(self, message: UInt64) -> None:
         self._consumed = message.data
         self._count_unread()
 
     def _begin_when_all_are_here(self) -> None:
-        absent = self._respondents.absent() | self._outputs.absent()
-        now = time.monotonic()
-        if absent:
-            self._all_here_since = None
-        else:
-            self._all_here_since = self._all_here_since or now
-            if now - self._all_here_since < STRANGER_PATIENCE:
-                absent = self._respondents.not_subscribed() | self._outputs.unread()
-        self._awaited = absent
-        if absent:
+        self._awaited = self._respondents.missing(self._outputs)
+        if self._awaited:
             self.get_logger().info(f"waiting for {', '.join(self.awaited)}", throttle_duration_sec=5.0)
             return
-        self._begun_at = self._reported_at = now
+        self._begun_at = self._reported_at = time.monotonic()
         run = self._run
         self.get_logger().info(f"ready: {run.total} episodes of scenarios {list(run.scenarios)}, {run.batch} at once")
         self._set_pace()
@@ -249,12 +235,6 @@ class WorldSimulator(GraphNode):
         self.counts.episodes_ended += len(ended)
         for outcome in ended["outcome"].tolist():
             self.counts.add(OUTCOME_NAMES[outcome])
-        # ROS's own throttle looks up the caller's source at every call, which takes a quarter of a millisecond.
-        if len(ended) and time.monotonic() >= self._log_at:
-            self._log_at = time.monotonic() + LOG_PERIOD
-            event, outcome = ended[0], OUTCOME_NAMES[ended["outcome"][0]]
-            name, least = f"{event['scenario']}:{event['episode']}", f"{event['least_curvttc']:.2f} s"
-            self.get_logger().info(f"{name} ended: {outcome}, least CurvTTC {least}")
         for kind, sender in MISSING_ANSWERS.items():
             self.counts.add_fault(sender, "missing", int(np.count_nonzero(events["kind"] == kind)))
 
