@@ -12,7 +12,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
-from vpsci_ros.exam.report import ADS, FAILED_BEFORE, as_dict, differences
+from vpsci_ros.exam.report import ADS, FAILED_BEFORE, as_dict, differences, rows_of
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.view.episode_sources import EXAM
 
@@ -77,10 +77,9 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
     :param table: a row an episode, of the exam.
     """
     failure = exam.config.failure
-    now = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
     out, not_compared = {}, []
     for name in exam.config.opponents:
-        new, old = (rows.filter(pl.col("pedestrian") == name) for rows in (now, earlier.rows))
+        new, old = (rows_of(rows, ADS, name) for rows in (table, earlier.rows))
         both = new.join(old, on=_KEY, suffix="_before").sort(_KEY)
         if both.is_empty():
             not_compared.append(name)

@@ -14,7 +14,7 @@ from rich.table import Table
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.measures import worst_first
-from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE
+from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES
 from vpsci_ros.exam.view import MARKS
 from vpsci_ros.policy.config import LEARNED
@@ -99,7 +99,7 @@ def _draw_rates(axis: Axes, report: Mapping[str, Any], measure: str, names: list
 
 def _draw_least(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
     for name in names:
-        least = np.sort(_rows(table, ADS, name)["least_curvttc"].to_numpy())
+        least = np.sort(rows_of(table, ADS, name)["least_curvttc"].to_numpy())
         share = 100.0 * np.arange(1, len(least) + 1) / len(least)
         axis.step([0.0, *least], [0.0, *share], where="post", color=_colour(name), label=title_of(name), linewidth=1.6)
     axis.set_xlim(0.0, HORIZON)
@@ -114,7 +114,7 @@ def _draw_least(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
 
 def _draw_ends(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
     for row, name in enumerate(names):
-        critical = _rows(table, ADS, name).filter(pl.col("critical"))
+        critical = rows_of(table, ADS, name).filter(pl.col("critical"))
         ended = critical.select(
             pl.when(pl.col("collision")).then(pl.lit("collision")).otherwise(pl.col("yielded")).alias("end")
         )["end"].to_list()
@@ -136,10 +136,6 @@ def _draw_ends(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
     axis.set_xlabel("% of critical episodes (CurvTTC < 5 s)", fontsize=8)
     axis.tick_params(labelsize=8)
     axis.legend(fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.45, -0.2), frameon=False)
-
-
-def _rows(table: pl.DataFrame, driver: str, pedestrian: str) -> pl.DataFrame:
-    return table.filter((pl.col("driver") == driver) & (pl.col("pedestrian") == pedestrian))
 
 
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}

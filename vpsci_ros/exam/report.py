@@ -48,26 +48,28 @@ def make_report(
     """
     drivers = {
         driver: {
-            name: _scores(_of(table, driver, name)) for name in config.opponents if _of(table, driver, name).height
+            name: _scores(rows_of(table, driver, name))
+            for name in config.opponents
+            if rows_of(table, driver, name).height
         }
         for driver in (ADS, BASELINE)
-        if _of(table, driver).height
+        if rows_of(table, driver).height
     }
-    learned = _of(table, ADS, LEARNED)
+    learned = rows_of(table, ADS, LEARNED)
     others = [name for name in config.opponents if name != LEARNED and learned.height]
     return {
         "drivers": drivers,
         "beside": {
-            name: differences(_of(table, ADS, name), _of(table, BASELINE, name))
+            name: differences(rows_of(table, ADS, name), rows_of(table, BASELINE, name))
             for name in config.opponents
-            if _of(table, ADS, name).height and _of(table, BASELINE, name).height
+            if rows_of(table, ADS, name).height and rows_of(table, BASELINE, name).height
         },
-        "differences": {name: differences(_of(table, ADS, name), learned) for name in others},
+        "differences": {name: differences(rows_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),
         "range": _range(learned),
         "perception": None if perception is None else asdict(perception),
-        "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
+        "conduct": {name: _conduct(rows_of(table, ADS, name), run) for name, run in conduct.items()},
         "definitions": definitions(config),
         "failure": config.failure,
     }
@@ -106,7 +108,8 @@ def value_of(report: dict[str, Any], measure: str, pedestrian: str) -> float:
     return math.nan if found is None else float(found)
 
 
-def _of(table: pl.DataFrame, driver: str, pedestrian: str | None = None) -> pl.DataFrame:
+def rows_of(table: pl.DataFrame, driver: str, pedestrian: str | None = None) -> pl.DataFrame:
+    """Return the episodes of a driver, with one pedestrian or (None) with all."""
     rows = table.filter(pl.col("driver") == driver)
     return rows if pedestrian is None else rows.filter(pl.col("pedestrian") == pedestrian)
 
@@ -134,7 +137,7 @@ def _reliance(table: pl.DataFrame) -> dict[str, Any]:
     """
     out = {}
     for driver in (ADS, BASELINE):
-        learned, walker = _of(table, driver, LEARNED), _of(table, driver, "walker")
+        learned, walker = rows_of(table, driver, LEARNED), rows_of(table, driver, "walker")
         if not learned.height or not walker.height:
             continue
         left = learned.filter(pl.col("critical") & ~pl.col("collision") & (pl.col("yielded") == "pedestrian"))
@@ -155,10 +158,10 @@ def _groups(table: pl.DataFrame, opponents: Sequence[str]) -> dict[str, Any]:
     for column, title in GROUPS.items():
         if rows[column].n_unique() < 2:
             continue
-        found: dict[str, Any] = {driver: {} for driver in (ADS, BASELINE) if _of(rows, driver).height}
+        found: dict[str, Any] = {driver: {} for driver in (ADS, BASELINE) if rows_of(rows, driver).height}
         for driver, by_pedestrian in found.items():
             for name in opponents:
-                parts = _of(rows, driver, name).sort(column).partition_by(column, as_dict=True)
+                parts = rows_of(rows, driver, name).sort(column).partition_by(column, as_dict=True)
                 if parts:
                     by_pedestrian[name] = {str(_HIDDEN.get(value, value)): _scores(part)
                                            for (value,), part in parts.items()}  # fmt: skip
