@@ -53,7 +53,7 @@ NOTES = """
   changes it. `/tf` and `/markers` have a depth of 1,000 messages, since the recorder must get all of them; a viewer may
   subscribe with any depth.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
-- **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, rejected messages
+- **Diagnostics.** Every node reports each second of wall time: parameters, rates, lag, missing ticks, rejected messages
   (`vpsci_ros/world/counts.py`). Reports are stamped with simulated time, as all messages of a bag. WARN: the node
   waits; ERROR: it rejects messages. Reports depend on the machine. Everything else in a bag depends on the parameters
   alone, as long as no answer is missing and no learner or external driving system takes part.

@@ -28,13 +28,17 @@ NETWORK = {
     "risk_input": False,  # observations (6) and (7)
 }
 STAGE_1 = TABLE_8 | SCALING | {"objective": "ddpg", "episodes": 3000, "updates.actor_learning_rate": 1e-4}
-STAGE_2 = TABLE_8 | SCALING | {
-    "objective": "ddpg",
-    "updates.actor_learning_rate": 5e-5,
-    "rewards.collision": -200.0,
-    "rewards.goal": 100.0,
-    "rewards.weights": [],
-}
+STAGE_2 = (
+    TABLE_8
+    | SCALING
+    | {
+        "objective": "ddpg",
+        "updates.actor_learning_rate": 5e-5,
+        "rewards.collision": -200.0,
+        "rewards.goal": 100.0,
+        "rewards.weights": [],
+    }
+)
 WORLD = {
     "tick": 0.05,
     "episode_time": 20.0,  # section 3.2: 10 s; docs/paper.md says why

@@ -191,7 +191,7 @@ class GraphNode(Node, metaclass=_Destroying):
         status = self.status()
         if wait or self.diagnostics.matched:
             name = f"{self.frame_prefix}{self.get_name()}"
-            message = diagnostics_message(name, status, self.simulated_time)
+            message = diagnostics_message(name, status, self.simulated_time, self._values)
             (self.diagnostics.publish if wait else self.diagnostics.publish_now)(message)
         self.submit(status)
 

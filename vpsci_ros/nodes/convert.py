@@ -5,8 +5,9 @@ Numeric sequences of a message are `array.array`s, which skip the element-wise c
 
 from __future__ import annotations
 
+import json
 from array import array
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +20,10 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from vpsci_msgs.msg import EpisodeEvent, Transition
+from vpsci_ros.documents import parse_json, require_form
+from vpsci_ros.nodes.config import section_classes
 from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.parameters import pick
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import tick_header
 from vpsci_ros.wire.layout import MAP
@@ -28,6 +32,8 @@ from vpsci_ros.world.kinematics import WHEELBASE
 Array = NDArray[Any]
 T = TypeVar("T")
 _CODES = {np.dtype(kind).char: code for kind, code in (("u1", "B"), ("u4", "I"), ("u8", "Q"), ("f4", "f"), ("f8", "d"))}
+
+PARAMETERS = "parameters"  # key of a node's parameters in its report
 
 _POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
 _POINT_FIELDS = [
@@ -89,10 +95,36 @@ def fixed_transforms(prefix: str = "") -> TFMessage:
     return TFMessage(transforms=[axle])
 
 
-def diagnostics_message(node: str, reported: NodeStatus, at: Time) -> DiagnosticArray:
-    """Return the report of one node: ERROR where it refuses messages or has a second publisher, WARN where it waits."""
+def diagnostics_message(
+    node: str, reported: NodeStatus, at: Time, parameters: Mapping[str, Any] | None = None
+) -> DiagnosticArray:
+    """Return the report of one node: ERROR where it refuses messages or has a second publisher, WARN where it waits.
+
+    :param parameters: of the node, which `parameters_in` finds in the message.
+    """
     wrong, waits = reported.refused or reported.second_publishers, reported.awaited or reported.state == "waiting"
     level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.WARN if waits else DiagnosticStatus.OK
     status = DiagnosticStatus(level=level, name=node, message=reported.state, hardware_id="vpsci_ros")
-    status.values = [KeyValue(key=key, value=str(value)) for key, value in reported.pairs().items()]
+    pairs = reported.pairs() | ({} if parameters is None else {PARAMETERS: json.dumps(dict(parameters))})
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in pairs.items()]
     return DiagnosticArray(header=Header(stamp=at), status=[status])
+
+
+def parameters_in(message: Any, nodes: Collection[str], prefix: str) -> dict[str, dict[str, Any]]:
+    """Return the parameters of these nodes that are in a DiagnosticArray, by node.
+
+    :param prefix: of the names of the graph's nodes, such as "left/", or nothing.
+    :raises InvalidInput: they are no parameters of these nodes.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    wanted = {f"{prefix}{node}": node for node in nodes}
+    for status in message.status:
+        values = {pair.key: pair.value for pair in status.values}
+        if status.name in wanted and PARAMETERS in values:
+            node, where = wanted[status.name], f"/diagnostics: parameters of {status.name}"
+            given = parse_json(values[PARAMETERS], where)
+            require_form(given, dict, where)
+            for kind in section_classes(node, given):
+                pick(kind, given, where)
+            found[node] = given
+    return found

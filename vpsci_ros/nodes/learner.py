@@ -58,7 +58,7 @@ class Learner(GraphNode):
 
     def _pretrain(self) -> None:
         if not self.diagnostics.found():
-            return  # until then, the executor is free to reply to a recorder's request for the parameters
+            return  # a recorder has to be there for the first report
         try:
             pretrain(
                 self._near_misses,

@@ -4,17 +4,19 @@ import math
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import PointCloud2
 
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
-from vpsci_ros.nodes.peer_parameters import PeerParameters
+from vpsci_ros.parameters import pick
+from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.world_state import SerializedState, read_world_state
 from vpsci_ros.wire.world_state import warm_up as warm_up_reading
-from vpsci_ros.world import load_scenarios
+from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, PerceptionState, blank, perceive, warm_up
 
@@ -24,7 +26,7 @@ REPEAT_AFTER = 1.25  # [s] of a world that stands still at the first tick; it kn
 class Perception(GraphNode):
     """`/world/state` in, `/perception/objects` out, a list of objects a tick, with the stamp of when they were seen.
 
-    It requests scenarios and the number of pedestrians from the world; ticks that come before the reply wait for it.
+    Scenarios and the number of pedestrians come with the world's reports; ticks that come before the first one wait.
     The first list is published again while the world waits for an external driving system, which may have been
     discovered too late for it.
     """
@@ -44,7 +46,8 @@ class Perception(GraphNode):
         self._first: PointCloud2 | None = None  # list, until the second one
         self._first_at = 0.0  # [s] of the wall clock, when it was published
         self._waiting: list[SerializedState] = []
-        self._world = PeerParameters(self, ["world_simulator"], self._on_parameters)
+        self._awaited = ["world_simulator"]
+        self.input("/diagnostics", self._world_parameters, self._on_parameters)
         self.input(WORLD, _shown, self._on_state, raw=True)
         self.wall_timer(REPEAT_AFTER / 4, self._repeat_first)
         self.ready(WORLD, "/perception/objects")
@@ -53,16 +56,26 @@ class Perception(GraphNode):
         """Return rate and lag of the lists, and how many objects they had."""
         return self._meter.figures() | {"objects": self._listed}
 
-    def _on_parameters(self, _: str, values: dict[str, Any]) -> None:
-        self._parked = parked_from(load_scenarios(values["scenarios"], values["scenario_files"]))
-        self._pedestrians = values.get("pedestrians", 1)
-        self._external = values.get("vehicle_driver") == "external"
-        waiting, self._waiting = self._waiting, []
-        for world in waiting:
-            self._look(world)
+    @property
+    def awaited(self) -> list[str]:
+        """The world, until its parameters are known."""
+        return self._awaited
+
+    def _world_parameters(self, message: DiagnosticArray) -> dict[str, dict[str, Any]]:
+        return convert.parameters_in(message, self._awaited, self.frame_prefix)
+
+    def _on_parameters(self, found: dict[str, dict[str, Any]]) -> None:
+        for values in found.values():  # of the world alone
+            run, config = pick(RunConfig, values, "world_simulator"), pick(WorldConfig, values, "world_simulator")
+            self._parked = parked_from(load_scenarios(run.scenarios, run.scenario_files))
+            self._pedestrians, self._external = config.pedestrians, config.vehicle_driver == "external"
+            self._awaited = []
+            waiting, self._waiting = self._waiting, []
+            for world in waiting:
+                self._look(world)
 
     def _on_state(self, world: SerializedState) -> None:
-        if self._world.missing:
+        if self._awaited:
             self._waiting.append(world)
         else:
             self._look(world)

@@ -3,6 +3,7 @@
 import hashlib
 import struct
 import time
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -15,9 +16,8 @@ from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_re
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
-from vpsci_ros.nodes.output import PEER_TIMEOUT
-from vpsci_ros.nodes.peer_parameters import PeerParameters
-from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
+from vpsci_ros.nodes.convert import parameters_in
+from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, speakers
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import describe, rewritten
 from vpsci_ros.wire.header import stamp_of
@@ -35,7 +35,7 @@ class Recorder(GraphNode):
 
     Log times are the simulated times in the messages, so that a bag plays back at the pace of the world and is the
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
-    parameters of the other nodes, which it requests, and a record of each episode.
+    parameters of the other nodes, from their reports, and a record of each episode.
 
     States and answers are recorded as they came; the nodes that act on them refuse what is none.
     """
@@ -61,30 +61,12 @@ class Recorder(GraphNode):
         self._untimed = explicit and "world_simulator" not in self.peers  # stage 1: diagnostics alone, in wall time
         if self._untimed:
             self.simulated_at = self.get_clock().now().nanoseconds
-        self._begun = time.monotonic()
-        others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
-        self._peer_parameters = PeerParameters(self, others, self._on_parameters)
-        if "learner" in others:
+        self._unknown = {name for name in (self.peers if explicit else NODES) if name in NODES and name != "recorder"}
+        """Nodes whose parameters the bag still lacks."""
+        if "learner" in self._unknown:
             self.input("/policy/weights", _digest, partial(self._bag.describe, WEIGHTS), LATCHED)
-        # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
-        self._waiting: list[Topic] = wanted
-        if explicit:
-            self.wall_timer(0.02, self._subscribe_when_known)
-        else:
-            self._subscribe()
-
-    def _subscribe_when_known(self) -> None:
-        late = time.monotonic() - self._begun > 0.5 * PEER_TIMEOUT  # the others wait for this one as long in all
-        if self._waiting and (late or not self._peer_parameters.missing):
-            if late:
-                missing = ", ".join(self._peer_parameters.missing)
-                self.get_logger().warning(f"recording without the parameters of {missing}: no answer yet")
-            self._subscribe()
-
-    def _subscribe(self) -> None:
-        for row in self._waiting:
+        for row in wanted:
             self.input(row.name, None, partial(self._take, row.name), RECORDING, raw=True, polled=True)
-        self._waiting = []
         self.wall_timer(POLL, self.intake.poll)
 
     def _take(self, topic: str, data: bytes) -> None:
@@ -118,6 +100,8 @@ class Recorder(GraphNode):
         if topic in _AS_WRITTEN:
             return at, data, 0, NO_EVENTS
         message, data = rewritten(TOPICS[topic].type_name, data, topic)
+        if topic == "/diagnostics":
+            self._describe(parameters_in(message, self._unknown, self.frame_prefix))
         return at, data, *((message.tick, layout.events(message)) if topic == EVENTS else (0, NO_EVENTS))
 
     def _write_ended(self) -> None:
@@ -127,11 +111,17 @@ class Recorder(GraphNode):
         self._recorded_episodes += len(self._ended)
         self._ended.clear()
 
-    def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
-        scenarios = scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ())))
-        self._bag.describe(NODE, node_record(node, values))
-        for record in scenarios:
-            self._bag.describe(SCENARIO, record)
+    def _describe(self, parameters: Mapping[str, dict[str, Any]]) -> None:
+        """Write the records of nodes with these parameters.
+
+        :raises InvalidInput: they name scenarios that there are not.
+        """
+        for node, values in parameters.items():
+            scenarios = scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ())))
+            self._bag.describe(NODE, node_record(node, values))
+            for record in scenarios:
+                self._bag.describe(SCENARIO, record)
+            self._unknown.discard(node)
 
     def figures(self) -> dict[str, Any]:
         """Return numbers of messages, episodes and files."""
@@ -141,6 +131,7 @@ class Recorder(GraphNode):
             "messages_written": sum(row.messages for row in rows),
             "episodes": self._recorded_episodes + len(self._ended),
             "files": len(self._bag.files),
+            "nodes_without_parameters": len(self._unknown),
         }
 
     def close(self) -> None:

@@ -100,7 +100,7 @@ TOPICS = {
         Topic("/pedestrian/robot_description", String, ("world_simulator",), (), LATCHED),
         Topic("/tf", TFMessage, ("world_simulator",), ("recorder",), LOCK_STEP, shared=True),
         Topic("/tf_static", TFMessage, ("world_simulator",), ("recorder",), LATCHED, shared=True),
-        Topic("/diagnostics", DiagnosticArray, NODES, ("recorder",), LOCK_STEP, shared=True),
+        Topic("/diagnostics", DiagnosticArray, NODES, ("perception", "recorder"), LOCK_STEP, shared=True),
     )
 }
 

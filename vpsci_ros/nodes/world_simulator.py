@@ -196,6 +196,7 @@ class WorldSimulator(GraphNode):
         run = self._run
         self.get_logger().info(f"ready: {run.total} episodes of scenarios {list(run.scenarios)}, {run.batch} at once")
         self._set_pace()
+        self.report()  # with the parameters, for which perception waits
         self._publish(self._loop.world.take_started())
 
     def _go_on(self, now: float | None = None) -> None:
