@@ -162,14 +162,22 @@ def models(
     Budgets and their cost: docs/results.md. For a test of a minute:
     --models sst,lstm --folds 2 --set learner.episodes=20
     """
-    from vpsci_ros.extras.paper.studies.run import ModelStudy, run_model_study
+    from vpsci_ros.extras.paper.studies.run import run_model_study
 
     factors = _factors(steps)
     with stoppable(output):
-        stage_2 = None if refine is None else read_sections(refine, None, near_misses)
-        names = given_names(chosen or "", "--models")
-        study = ModelStudy(names, count, seeds, stage_2, simulated, fresh_episodes, factors)
-        run_model_study(read_sections(params, settings, near_misses), output, study, quiet=quiet)
+        run_model_study(
+            read_sections(params, settings, near_misses),
+            output,
+            given_names(chosen or "", "--models"),
+            folds=count,
+            seeds=seeds,
+            factors=factors,
+            refine=None if refine is None else read_sections(refine, None, near_misses),
+            simulated=simulated,
+            fresh_episodes=fresh_episodes,
+            quiet=quiet,
+        )
 
 
 @study_app.command()

@@ -36,36 +36,20 @@ def test_sizes_are_measured_on_the_same_clips_none_of_which_they_learn_from(tmp_
     assert pl.read_csv(tmp_path / "table_3.csv").height == 4
 
 
-@pytest.fixture
-def weight_study(near_misses, networks):
-    """The function that runs Table 5, small: two weightings, four episodes to learn from and six to measure on."""
-    start = networks(gain=1.0).weights({}, {})
-
-    def run(folder, weightings=TWO, fresh_seed=99, report=None):
-        return reward_weight_study(
-            near_misses,
-            STAGE_2,
-            start,
-            SimulationConfig(
-                load_scenarios([1]),
-                [(1, e) for e in range(4)],
-                4,
-                4,
-                WorldConfig(pedestrian_gain=0.5),
-                policies=EXPLORING,
-            ),
-            fresh=[(1, e) for e in range(6)],
-            fresh_seed=fresh_seed,
-            out_dir=folder,
-            weightings=weightings,
-            report=report,
-        )
-
-    return run
-
-
-def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_path, weight_study):
-    table = weight_study(tmp_path)
+def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_path, near_misses, networks):
+    """Two weightings, four episodes to learn from and six to measure on."""
+    world = WorldConfig(pedestrian_gain=0.5)
+    table = reward_weight_study(
+        near_misses,
+        STAGE_2,
+        networks(gain=1.0).weights({}, {}),
+        SimulationConfig(load_scenarios([1]), [(1, e) for e in range(4)], 4, 4, world, policies=EXPLORING),
+        learner_seed=4,
+        fresh=[(1, e) for e in range(6)],
+        fresh_seed=99,
+        out_dir=tmp_path,
+        weightings=TWO,
+    )
     assert table["weights"].to_list() == ["safety", "adaptive", "pretrained", "constant_velocity"]
     assert table["vehicle_w_collision"][0] == pytest.approx(0.6)
     assert table["vehicle_w_collision"][1:].to_list() == [pytest.approx(1 / 3, abs=0.01), None, None]

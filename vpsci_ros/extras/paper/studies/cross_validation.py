@@ -4,7 +4,6 @@ A few dozen vehicles make one split a lottery: held out or not, a single braking
 trains as often as there are folds and measures every interaction by the policies that have not learned from its clip.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +16,8 @@ from vpsci_ros.evaluation.errors import compare
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure
 from vpsci_ros.extras.paper.studies.folds import held_out_folds, pooled
-from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.extras.paper.studies.networks import Report
+from vpsci_ros.extras.paper.studies.state import StudyReport, once, trained
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning import refine as stage_2
@@ -25,13 +25,12 @@ from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
-from vpsci_ros.policy.weights import load_weights, resolved
+from vpsci_ros.policy.weights import Weights, resolved
 from vpsci_ros.runs.files import write_json
 
 RESULT = "cross_validation.json"
 GUARD = 0.1  # share of near misses, by whole clips
 PRETRAINED, REFINED = "pretrained", "refined"
-FoldReport = Callable[[str, stage_1.Report], None] | None
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def cross_validate(
     seed: int,
     out_dir: str | Path,
     refinement: Refinement | None = None,
-    report: FoldReport = None,
+    report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
     """Train once in each fold and measure on its held-out clips; write and return `cross_validation.json`.
 
@@ -87,15 +86,14 @@ def cross_validate(
     shares = []
     for number, (training, interactions) in enumerate(parts, 1):
         folder = out_dir / f"fold_{number}"
-        report_fold = None if report is None else partial(report, f"{number}")
         once(folder, identity | {"fold": number}, dict)
-        if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
-            stage_1.pretrain(training, config, network, seed=seed, out_dir=folder, report=report_fold)
-        files = {PRETRAINED: folder / stage_1.WEIGHTS}
+        shown = partial(report, f"{number}")
+        train = partial(stage_1.pretrain, training, config, network, seed=seed, out_dir=folder, report=shown)
+        policies = {PRETRAINED: trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, train)}
         if refinement is not None:
-            report_fold = None if report is None else partial(report, f"{number}, stage 2")
-            files[REFINED] = _refined(training, refinement, folder, report_fold)
-        own = {name: measure(PolicyPredictor(load_weights(path)), interactions) for name, path in files.items()}
+            start, shown = policies[PRETRAINED], partial(report, f"{number}, stage 2")
+            policies[REFINED] = _refined(training, refinement, start, folder / REFINED, shown)
+        own = {name: measure(PolicyPredictor(weights), interactions) for name, weights in policies.items()}
         measured.append(own)
         result = compare(own, interactions, seed)
         ratios = {name: result["models"][name]["closed_loop"]["ade_ratio"] for name in own}
@@ -106,14 +104,11 @@ def cross_validate(
     return result
 
 
-def _refined(
-    training: pl.DataFrame, refinement: Refinement, fold: Path, report: Callable[[stage_1.Report], None] | None
-) -> Path:
-    """Run stage 2 from the fold's stage 1 on its own clips, unless that was done; return the weights' path."""
-    folder, start = fold / REFINED, load_weights(fold / stage_1.WEIGHTS)
+def _refined(training: pl.DataFrame, refinement: Refinement, start: Weights, folder: Path, report: Report) -> Weights:
+    """Return the weights of stage 2 on a fold's own clips, from those of its stage 1."""
     once(folder, refinement.identity() | {"weights": start.digest()}, dict)
-    if not (folder / stage_2.WEIGHTS).exists() or (folder / stage_2.CHECKPOINT).exists():
-        config = replace(refinement.config, held_out_fraction=GUARD)
-        seed = refinement.learner_seed
-        online.refine(training, config, start, refinement.simulation, learner_seed=seed, out_dir=folder, report=report)
-    return folder / stage_2.WEIGHTS
+    config, seed = replace(refinement.config, held_out_fraction=GUARD), refinement.learner_seed
+    train = partial(
+        online.refine, training, config, start, refinement.simulation, learner_seed=seed, out_dir=folder, report=report
+    )
+    return trained(folder, stage_2.WEIGHTS, stage_2.CHECKPOINT, train)

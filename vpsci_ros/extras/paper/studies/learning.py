@@ -4,7 +4,7 @@ Each configuration of a study learns in a folder of its own. A study that was st
 one that is repeated with more configurations runs only those.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,15 +22,14 @@ from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5
-from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.extras.paper.studies.state import StudyReport, once, trained
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
-from vpsci_ros.learning.pretrain import Report
 from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
-from vpsci_ros.policy.weights import Weights, load_weights, resolved
+from vpsci_ros.policy.weights import Weights, resolved
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.observation import AGENTS
 
@@ -39,8 +38,6 @@ WEIGHTINGS: Mapping[str, tuple[float, ...]] = {name: row.weights for name, row i
 UNREFINED, NO_ACCELERATION = "pretrained", "constant_velocity"  # controls of Table 5
 REPEATED = "repeat_velocity"  # control of Table 3
 LAST = 0.1  # share of a run's iterations at its end that count as convergence
-
-StudyReport = Callable[[str, Report], None]
 
 
 def sample_size_study(
@@ -51,7 +48,7 @@ def sample_size_study(
     sizes: Sequence[int] = SAMPLE_SIZES,
     seed: int,
     out_dir: str | Path,
-    report: StudyReport | None = None,
+    report: StudyReport = lambda *_: None,
 ) -> pl.DataFrame:
     """Train stage 1 on subsets of the near misses (Table 3); return and write `table_3.csv`, the control as last row.
 
@@ -78,30 +75,27 @@ def sample_size_study(
             raise InvalidInput(f"sizes: expected 2 to {len(order)} interactions, as the near misses hold, got {size}")
     config = replace(config, held_out_clips=[], held_out_fraction=0.0)
     deviation = _deviation(from_table(near_misses), config.rewards.least_speed_deviation)
+    rewards = partial(_held_out_rewards, deviation, config.rewards.speed_scaling)
     held_out = HeldOut(kept_out) if kept_out.height else None
     out_dir = Path(out_dir)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses)}
 
     def row(size: int) -> dict[str, Any]:
         subset = near_misses.filter(pl.col("interaction").is_in(order[:size].tolist()))
-        folder, report_one = out_dir / f"{size}", _bound(report, f"{size}")
-        if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
-            stage_1.pretrain(subset, config, network, seed=seed, out_dir=folder, report=report_one)
-        weights = load_weights(folder / stage_1.WEIGHTS)
+        folder, shown = out_dir / f"{size}", partial(report, f"{size}")
+        train = partial(stage_1.pretrain, subset, config, network, seed=seed, out_dir=folder, report=shown)
+        weights = trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, train)
         log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * config.episodes)))
         names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
         values: dict[str, Any] = {name: log[name].mean() for name in names}
         if held_out is None or size > pool["interaction"].n_unique():
             return values
-        rewards = _held_out_rewards(
-            PolicyPredictor(weights), held_out.interactions, deviation, config.rewards.speed_scaling
-        )
-        return values | held_out.errors(weights) | rewards
+        return values | held_out.errors(weights) | rewards(PolicyPredictor(weights), held_out.interactions)
 
     rows = [{"interactions": f"{n}"} | once(out_dir / f"{n}", identity, partial(row, n)) for n in sizes]
     if held_out is not None:
-        rewards = _held_out_rewards(RepeatVelocity(), held_out.interactions, deviation, config.rewards.speed_scaling)
-        rows.append({"interactions": REPEATED} | held_out.control | rewards)
+        control = held_out.control | rewards(RepeatVelocity(), held_out.interactions)
+        rows.append({"interactions": REPEATED} | control)
     return _written(rows, out_dir / "table_3.csv")
 
 
@@ -111,12 +105,12 @@ def reward_weight_study(
     weights: Weights,
     simulation: SimulationConfig,
     *,
-    learner_seed: int | None = None,
+    learner_seed: int,
     fresh: Sequence[tuple[int, int]],
     fresh_seed: int,
     out_dir: str | Path,
     weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
-    report: StudyReport | None = None,
+    report: StudyReport = lambda *_: None,
 ) -> pl.DataFrame:
     """Run stage 2 under each weighting of its rewards (Table 5); return and write `table_5.csv`.
 
@@ -133,7 +127,6 @@ def reward_weight_study(
     if fresh_seed == simulation.seed:
         raise InvalidInput(f"fresh episodes: expected another seed than training's, got {fresh_seed} for both")
     out_dir = Path(out_dir)
-    learner_seed = simulation.seed if learner_seed is None else learner_seed
     resting = {a: replace(c, explore=False, seed=fresh_seed) for a, c in simulation.policies.items()}
     measuring = replace(simulation, episodes=fresh, seed=fresh_seed, policies=resting)
     identity = {"weights": weights.digest(), "data": table_hash(near_misses), "learner_seed": learner_seed}
@@ -144,12 +137,8 @@ def reward_weight_study(
 
     def row(name: str, chosen: RefineConfig) -> dict[str, Any]:
         folder = out_dir / name
-        if not (folder / WEIGHTS).exists() or (folder / CHECKPOINT).exists():
-            report_one = _bound(report, name)
-            online.refine(
-                near_misses, chosen, weights, simulation, learner_seed=learner_seed, out_dir=folder, report=report_one
-            )
-        refined = load_weights(folder / WEIGHTS)
+        refine = partial(online.refine, near_misses, chosen, weights, simulation, learner_seed=learner_seed)
+        refined = trained(folder, WEIGHTS, CHECKPOINT, partial(refine, out_dir=folder, report=partial(report, name)))
         last = pl.read_csv(folder / online.LOG).row(-1, named=True)
         learned = {k: v for k, v in last.items() if "_w_" in k or k in ("updates", "refreshes")}
         return measured(refined) | refined.facts["held_out"]["errors"] | learned
@@ -173,10 +162,6 @@ def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:
     return table
 
 
-def _bound(report: StudyReport | None, name: str) -> Callable[[Report], None] | None:
-    return None if report is None else lambda values: report(name, values)
-
-
 def _deviation(interactions: Interactions, least: float) -> dict[str, NDArray[np.float64]]:
     """Return the deviations of the next speeds, float64[2] [m/s] by agent, as `Networks.set_statistics` takes them."""
     deviations = {}
@@ -188,7 +173,7 @@ def _deviation(interactions: Interactions, least: float) -> dict[str, NDArray[np
 
 
 def _held_out_rewards(
-    model: Predictor, interactions: Interactions, deviation: Mapping[str, NDArray[np.float64]], scaling: float
+    deviation: Mapping[str, NDArray[np.float64]], scaling: float, model: Predictor, interactions: Interactions
 ) -> dict[str, float]:
     squares = reconstruct(model, interactions).squares
     rewards = {}

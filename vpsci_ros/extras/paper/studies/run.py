@@ -1,7 +1,7 @@
 """Studies of learning as commands: Tables 3, 5 and 9 beside the paper's values, and cross-validation."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from vpsci_ros.extras.paper.studies.learning import (
 from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
+from vpsci_ros.extras.paper.studies.state import StudyReport
 from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import (
     print_table_3,
@@ -33,11 +34,14 @@ from vpsci_ros.extras.paper.studies.tables import (
     save_table_9,
 )
 from vpsci_ros.policy.models import MODELS
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import StageBar
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
+
+FRESH_SEED = 1000  # of the episodes in which models are measured
 
 
 def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
@@ -51,12 +55,7 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     facts = {"study": {"sizes": list(sizes)}}
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
-        with StageBar("samples", quiet) as bar, stop_requested_by_signals() as stop:
-
-            def report(name: str, values: dict[str, float]) -> None:
-                bar.show(values, f"{name} interactions")
-                stop.check()
-
+        with _shown("samples", "{} interactions", quiet) as report:
             table = sample_size_study(
                 corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, report=report
             )
@@ -83,12 +82,7 @@ def run_fold_study(
         refinement = Refinement(refine, simulation, their_learner.seed)
     facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
-        with StageBar("folds", quiet) as bar, stop_requested_by_signals() as stop:
-
-            def report(name: str, values: dict[str, float]) -> None:
-                bar.show(values, f"of {folds} folds: {name}")
-                stop.check()
-
+        with _shown("folds", f"of {folds} folds: {{}}", quiet) as report:
             result = cross_validate(
                 corpus,
                 config,
@@ -118,68 +112,69 @@ def _stage_1_inputs(sections: Sections) -> Stage1Inputs:
     return inputs
 
 
-@dataclass(frozen=True)
-class ModelStudy:
-    """Options of `run_model_study` besides the parameters of stage 1.
+@contextlib.contextmanager
+def _shown(study: str, title: str, quiet: bool) -> Iterator[StudyReport]:
+    """Show the progress of a study; yield its report function, which raises `Stopped` after a signal.
 
-    :ivar models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
-    :ivar folds, seeds: trainings of each model: `folds` times `seeds`.
-    :ivar refine, simulated: sections of stage 2 for models by reinforcement, and a near-miss table of simulated
-        interactions for the others; None: data-driven learning alone.
-    :ivar fresh_episodes: in each scenario, by `fresh_seed`, in which every model is measured.
-    :ivar factors: of the step sizes, tried for each model in each fold; none: no trial.
+    :param title: of the progress bar, with {} for the name of a part.
     """
+    with StageBar(study, quiet) as bar, stop_requested_by_signals() as stop:
 
-    models: Sequence[str] = ()
-    folds: int = 5
-    seeds: int = 1
-    refine: Sections | None = None
-    simulated: Path | None = None
-    fresh_episodes: int = 40
-    factors: Sequence[float] = ()
-    fresh_seed: int = 1000
+        def report(name: str, values: dict[str, float]) -> None:
+            bar.show(values, title.format(name))
+            stop.check()
+
+        yield report
 
 
-def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quiet: bool = False) -> None:
+def run_model_study(
+    sections: Sections,
+    folder: Path,
+    models: Sequence[str],
+    *,
+    folds: int,
+    seeds: int,
+    factors: Sequence[float],
+    refine: Sections | None,
+    simulated: Path | None,
+    fresh_episodes: int,
+    quiet: bool = False,
+) -> None:
     """Run `compare_models` (Table 9) in `folder`; resume a stopped study.
 
+    :param models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
+    :param folds, seeds: trainings of each model: `folds` times `seeds`.
+    :param factors: of the step sizes, tried for each model in each fold; none: no trial.
+    :param refine, simulated: sections of stage 2 for models by reinforcement, and a near-miss table of simulated
+        interactions for the others; None: data-driven learning alone.
+    :param fresh_episodes: in each scenario, by `FRESH_SEED`, in which every model is measured.
     :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, one of
         `refine` and `simulated` is missing, or `folder` holds another study.
     :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
-    models = list(study.models) or list(ROWS)
+    models = list(models) or list(ROWS)
     for name in models:
         MODELS.find(name)
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
-    hybrid, files = _hybrid(study), corpus_files(learner.near_misses)
-    facts: dict[str, Any] = {
-        "models": models,
-        "folds": study.folds,
-        "seeds": study.seeds,
-        "factors": list(study.factors),
-    }
+    hybrid, files = _hybrid(refine, simulated, fresh_episodes), corpus_files(learner.near_misses)
+    facts: dict[str, Any] = {"models": models, "folds": folds, "seeds": seeds, "factors": list(factors)}
     if hybrid is not None:
-        assert study.simulated is not None
-        facts |= {"hybrid": hybrid.identity(), "fresh_episodes": study.fresh_episodes, "fresh_seed": study.fresh_seed}
-        files = [*files, study.simulated]
+        assert simulated is not None
+        facts |= {"hybrid": hybrid.identity(), "fresh_episodes": fresh_episodes, "fresh_seed": hybrid.seed}
+        files = [*files, simulated]
     with RunFolder(folder, resolved, files, {"study": facts}) as run:
-        with StageBar("models", quiet) as bar, stop_requested_by_signals() as stop:
-
-            def report(name: str, values: dict[str, float]) -> None:
-                bar.show(values, f"fold {name} of {study.folds}")
-                stop.check()
-
+        with _shown("models", f"fold {{}} of {folds}", quiet) as report:
             result = compare_models(
                 corpus,
                 config,
                 network,
                 models=models,
-                folds=study.folds,
+                folds=folds,
                 seed=learner.seed,
                 out_dir=folder,
-                seeds=study.seeds,
+                seeds=seeds,
                 hybrid=hybrid,
-                factors=study.factors,
+                factors=factors,
                 report=report,
             )
         run.results |= result
@@ -189,16 +184,19 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
     print(f"written: {folder / MODELS_RESULT}, models.png, {PAGE} and run.json beside it")
 
 
-def _hybrid(study: ModelStudy) -> Hybrid | None:
-    if study.refine is None and study.simulated is None:
+def _hybrid(refine: Sections | None, simulated: Path | None, fresh_episodes: int) -> Hybrid | None:
+    if refine is None and simulated is None:
         return None
-    if study.refine is None or study.simulated is None:
+    if refine is None or simulated is None:
         raise InvalidInput("hybrid learning: expected both --refine FILE and --simulated FILE, or neither")
-    learner, config, simulation = stage_2_parameters(study.refine)
-    scenarios = [scenario.number for scenario in simulation.scenarios]
-    episodes = [(s, e) for e in range(study.fresh_episodes) for s in scenarios]
+    learner, config, simulation = stage_2_parameters(refine)
     refinement = Refinement(config, simulation, learner.seed)
-    return Hybrid(refinement, read_near_misses(study.simulated), episodes, study.fresh_seed)
+    return Hybrid(refinement, read_near_misses(simulated), _episodes(simulation, fresh_episodes), FRESH_SEED)
+
+
+def _episodes(simulation: SimulationConfig, count: int) -> list[tuple[int, int]]:
+    """Return the first `count` episodes of each scenario, (scenario, number) each."""
+    return [(scenario.number, number) for number in range(count) for scenario in simulation.scenarios]
 
 
 def run_weight_study(
@@ -222,8 +220,6 @@ def run_weight_study(
             raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")
     learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
     facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
-    scenarios = [scenario.number for scenario in simulation.scenarios]
-    fresh = [(s, e) for e in range(fresh_episodes) for s in scenarios]
     with RunFolder(folder, resolved, files, facts) as record:
         with StageBar("weights", quiet) as bar:
             table = reward_weight_study(
@@ -232,7 +228,7 @@ def run_weight_study(
                 weights,
                 simulation,
                 learner_seed=learner.seed,
-                fresh=fresh,
+                fresh=_episodes(simulation, fresh_episodes),
                 fresh_seed=fresh_seed,
                 out_dir=folder,
                 weightings={name: WEIGHTINGS[name] for name in weightings},

@@ -1,14 +1,17 @@
-"""The stored result of a study's configuration, so that a resumed study computes only missing results."""
+"""The stored results of a study, so that a resumed study computes only missing ones."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.identity import require_same
 
 STATE = "study.json"
+StudyReport = Callable[[str, dict[str, float]], None]
+"""Called with the name of a part of a study and with the latest numbers of its training."""
 
 
 def once(folder: Path, identity: dict[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -32,3 +35,13 @@ def once(folder: Path, identity: dict[str, Any], make: Callable[[], dict[str, An
     row = make()
     write_json(path, {"of": identity, "row": row})
     return row
+
+
+def trained(folder: Path, weights: str, checkpoint: str, train: Callable[[], object]) -> Weights:
+    """Return the weights of a training in `folder`, which `train` runs or resumes unless it is finished.
+
+    :param weights, checkpoint: names of its files; with a checkpoint it was stopped.
+    """
+    if not (folder / weights).exists() or (folder / checkpoint).exists():
+        train()
+    return load_weights(folder / weights)
