@@ -1,4 +1,4 @@
-"""Values published in the paper: Tables 3, 5 and 9."""
+"""Values published in the paper: Tables 3, 5, 9 and 11."""
 
 from typing import NamedTuple
 
@@ -73,3 +73,23 @@ TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning 
     "lstm": PublishedModel("LSTM", 1.783, 2.566),
     "feedforward": PublishedModel("NN", 2.677, 3.955),
 }
+
+
+class PublishedPair(NamedTuple):
+    """A row of Table 11."""
+
+    t: float
+    p: str
+    d: float
+    low: float
+    high: float
+    tost: str
+    conclusion: str
+
+
+TABLE_11 = {  # pairs of `turing.clips.SOURCES` -> row
+    ("rule_based", "generated"): PublishedPair(-13.50, "<0.001", -1.33, -1.85, -1.38, "1", "different"),
+    ("rule_based", "recorded"): PublishedPair(-13.62, "<0.001", -1.35, -1.86, -1.39, "1", "different"),
+    ("generated", "recorded"): PublishedPair(-0.09, "0.92", -0.009, -0.22, 0.20, "<0.001", "equivalent"),
+}
+ICC_2K = (0.763, 0.590, 0.830)  # ICC(2,k) with its interval, 44 raters

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from vpsci_ros.extras.paper.published import ICC_2K
 from vpsci_ros.extras.paper.turing.answers import Answers
 from vpsci_ros.extras.paper.turing.clips import CONTROL, GENERATED, RECORDED, SOURCES
-from vpsci_ros.extras.paper.turing.score import MARGIN, PUBLISHED_ICC, score
+from vpsci_ros.extras.paper.turing.score import MARGIN, score
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import write_json
@@ -30,7 +31,7 @@ def write_result(answers: Answers, folder: Path) -> dict[str, Any]:
         result=result,
         names=NAMES,
         margin=MARGIN,
-        published_icc=PUBLISHED_ICC,
+        published_icc=ICC_2K,
         figure=folder / FIGURE,
     )
     return result

@@ -1,16 +1,17 @@
 """A Turing test's result as one dictionary: recognition rates, Table 11, and what cannot be concluded."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from vpsci_ros.evaluation.statistics import share
+from vpsci_ros.extras.paper.published import TABLE_11
 from vpsci_ros.extras.paper.turing.agreement import icc_2k, mean_d_prime
 from vpsci_ros.extras.paper.turing.answers import Answers
-from vpsci_ros.extras.paper.turing.clips import CONTROL, GENERATED, RECORDED, SOURCES
+from vpsci_ros.extras.paper.turing.clips import CONTROL, GENERATED, SOURCES
 from vpsci_ros.extras.paper.turing.crossed import (
     Mean,
     over_both,
@@ -25,33 +26,7 @@ from vpsci_ros.extras.paper.turing.crossed import (
 MARGIN = 0.5  # on the scale of 5 points, the paper's
 ALPHA = 0.05
 LEAST_SPREAD = 0.5  # of the scores that a rater gives, below which a rater distinguishes no clips
-PAIRS = ((CONTROL, GENERATED), (CONTROL, RECORDED), (GENERATED, RECORDED))
-
-
-class PublishedPair(NamedTuple):
-    """A row of Table 11."""
-
-    t: float
-    p: str
-    d: float
-    low: float
-    high: float
-    tost: str
-    conclusion: str
-
-
-TABLE_11 = dict(
-    zip(
-        PAIRS,
-        (
-            PublishedPair(-13.50, "<0.001", -1.33, -1.85, -1.38, "1", "different"),
-            PublishedPair(-13.62, "<0.001", -1.35, -1.86, -1.39, "1", "different"),
-            PublishedPair(-0.09, "0.92", -0.009, -0.22, 0.20, "<0.001", "equivalent"),
-        ),
-        strict=True,
-    )
-)
-PUBLISHED_ICC = (0.763, 0.590, 0.830)  # ICC(2,k) with its interval, 44 raters
+PAIRS = tuple(TABLE_11)
 
 
 def score(answers: Answers) -> dict[str, Any]:
