@@ -33,6 +33,7 @@ TITLES = {
     RECORDED: "recorded people",
     CLEAN: "of them, with an onset and a car that drives",
 }
+_COUNTS = ("number", "simulated", "kept", "vehicle_km", "pedestrian_km")
 
 
 def write_report(
@@ -145,9 +146,6 @@ def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame]) -> dict[str, An
             cleaned = {name: distance_between(sources[CLEAN], table) for name, table in others.items()}
             report["distance_to_clean"] = cleaned | {"between_halves_of_recorded": between_halves(sources[CLEAN])}
     return report
-
-
-_COUNTS = ("number", "simulated", "kept", "vehicle_km", "pedestrian_km")
 
 
 def _inputs(data: Dataset, near_misses: Path | None, beside: Dataset | None) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def write_paper(
     save_yielding(generated | rule_based, "pedestrian", pictures["figure_12"], SIDES[:2])
     save_yielding(generated | rule_based, "pedestrian", pictures["figure_13"], SIDES[2:])
     if "figure_6" in found:
-        save_rewards(found["figure_6"].parent, pictures["figure_6"])
+        save_rewards(found["figure_6"], pictures["figure_6"])
     if "figure_10" in found:
         shutil.copyfile(found["figure_10"], pictures["figure_10"])
     tables = {name: _table(path) for name, path in found.items() if name.startswith("table")}
@@ -173,8 +173,8 @@ def _draw_arrow(axis: Axes, line: Line, left: float, colour: str, name: str) -> 
         axis.annotate(name, points[0], fontsize=9, color=colour, weight="bold", ha="center", va="center", bbox=look)
 
 
-def save_rewards(folder: str | Path, path: Path) -> None:
-    """Draw Figure 6 of a run of stage 2, see `online.EPISODES`: the rolling mean of an episode's reward, by agent."""
+def save_rewards(episodes: Path, path: Path) -> None:
+    """Draw Figure 6 from `online.EPISODES` of a run of stage 2: the rolling mean of an episode's reward, by agent."""
     figure, ((axis,),) = new_figure(6.5, 3.8)
-    draw_rewards(axis, pl.read_csv(Path(folder) / online.EPISODES, infer_schema_length=None))
+    draw_rewards(axis, pl.read_csv(episodes, infer_schema_length=None))
     save_png(figure, path)
