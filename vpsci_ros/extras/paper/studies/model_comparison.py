@@ -5,8 +5,8 @@ reinforcement as `vpsci refine` trains them, the others on simulated interaction
 """
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,9 @@ from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.studies.cross_validation import GUARD
 from vpsci_ros.extras.paper.studies.folds import held_out_folds
-from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, without_reaction
-from vpsci_ros.extras.paper.studies.networks import by_reinforcement, train
-from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, shares_of_ends
+from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train
+from vpsci_ros.extras.paper.studies.state import StudyReport, once
 from vpsci_ros.extras.paper.studies.trials import try_steps, with_steps
 from vpsci_ros.learning import online
 from vpsci_ros.learning import refine as stage_2
@@ -30,8 +30,6 @@ from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weigh
 from vpsci_ros.runs.files import write_json
 
 RESULT, WEIGHTS, REFINED = "models.json", "weights.safetensors", "_refined"
-Row = dict[str, float]
-Report = Callable[[str, Row], None]
 
 
 def compare_models(
@@ -46,14 +44,14 @@ def compare_models(
     seeds: int = 1,
     hybrid: Hybrid | None = None,
     factors: Sequence[float] = (),
-    report: Report | None = None,
+    report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
     """Train each model `seeds` times in each fold, measure on its held-out clips; write and return `models.json`.
 
     The layout is that of `errors.evaluate`; errors of several seeds are means by interaction. Each model also has
     `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
     one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
-    classifier; of the first seed), with `hybrid` `world` (`Pooled.world`; of the control `constant_velocity`, too),
+    classifier; of the first seed), with `hybrid` `world` (`shares_of_ends`; of the control `constant_velocity`, too),
     with `factors` `trials` (what `try_steps` found in each fold), and, where `ma_sst_ddpg` is among the models, its ADE
     by protocol and its energy score as shares of that model's,
     with 95% intervals by clips. A training that is stopped begins again; finished ones are kept. One by
@@ -64,8 +62,8 @@ def compare_models(
     :param hybrid: None: data-driven learning alone.
     :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
-    :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; a model by
-        reinforcement without `hybrid`; `network.carry_state` is false, or `out_dir` holds another study.
+    :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; or
+        `out_dir` holds another study.
     """
     if config.objective != PretrainConfig.objective:
         raise InvalidInput(
@@ -83,16 +81,16 @@ def compare_models(
         for place, (name, s) in enumerate(trainings):
             own = config
             folder = out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
-            report_model = None if report is None else partial(_pass_on, report, f"{number}", place, len(trainings))
+            report_model = partial(_pass_on, report, f"{number}", place, len(trainings))
             if factors and s == 0:
                 of = identity | resolved(own) | {"fold": number, "model": name, "factors": list(factors)}
-                make = partial(
-                    try_steps, name, training, own, network, seed, factors, partial(_begin, report_model, own)
-                )
+                begin = partial(report_model, {"episode": 0, "episodes": own.episodes})  # a trial shows nothing else
+                make = partial(try_steps, name, training, own, network, seed, factors, begin)
                 trials[name].append(once(folder / "trials", of, make))
             if factors:
                 own = with_steps(own, trials[name][-1]["factor"])
-            run = _Run(name, training, own, network, seed + s, folder, identity | {"fold": number, "model": name})
+            of = identity | {"fold": number, "model": name} | resolved(own) | {"training_seed": seed + s}
+            run = _Run(name, training, own, network, seed + s, folder, of)
             path = run.data_driven(report_model)
             measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
             if hybrid is not None:
@@ -102,65 +100,53 @@ def compare_models(
         for name in models:
             result["models"][name]["trials"] = trials[name]
     if hybrid is not None:
-        result["models"]["constant_velocity"]["world"] = without_reaction(hybrid)
+        result["models"]["constant_velocity"]["world"] = shares_of_ends([hybrid.ends(None)])
     write_json(out_dir / RESULT, result)
     return result
 
 
-def _pass_on(report: Report, fold: str, place: int, models: int, values: Row) -> None:
+def _pass_on(report: StudyReport, fold: str, place: int, models: int, values: dict[str, float]) -> None:
     """Pass on what `train` reports, counting the updates of all models of a fold."""
     done, each = values["episode"], values["episodes"]
     report(fold, values | {"episode": place * each + done, "episodes": models * each})
 
 
-def _begin(report: Callable[[Row], None] | None, config: PretrainConfig) -> None:
-    """Show a trial as a training that has not begun."""
-    if report is not None:
-        report({"episode": 0, "episodes": config.episodes})
-
-
+@dataclass(frozen=True)
 class _Run:
-    """One training of one model: what it learns from, and where its weights lie or come to lie."""
+    """One training of one model on the near misses `table`, whose weights go to `folder`."""
 
-    def __init__(
-        self,
-        name: str,
-        training: pl.DataFrame,
-        config: PretrainConfig,
-        network: NetworkConfig,
-        seed: int,
-        folder: Path,
-        identity: dict[str, Any],
-    ) -> None:
-        self._name, self._training, self._config, self._network, self._seed = name, training, config, network, seed
-        self._folder, self._identity = folder, identity | resolved(config) | {"training_seed": seed}
+    name: str
+    table: pl.DataFrame
+    config: PretrainConfig
+    network: NetworkConfig
+    seed: int
+    folder: Path
+    identity: dict[str, Any]
 
-    def data_driven(self, report: Callable[[Row], None] | None) -> Path:
+    def data_driven(self, report: Report) -> Path:
         """Return the weights learned from recorded near misses."""
-        once(self._folder, self._identity, dict)
-        return self._trained(self._folder / WEIGHTS, self._training, self._config, report, None)
+        once(self.folder, self.identity, dict)
+        return self._trained(self.folder / WEIGHTS, self.table, self.config, report=report)
 
     def hybrid(self, hybrid: Hybrid) -> Path:
         """Return the weights that have learned on with simulation, half as many updates by smaller steps."""
-        folder, start = self._folder / "refined", load_weights(self._folder / WEIGHTS)
+        folder, start = self.folder / "refined", load_weights(self.folder / WEIGHTS)
         once(folder, hybrid.identity() | {"weights": start.digest()}, dict)
-        if not by_reinforcement(self._name):
-            config = replace(with_steps(self._config, 0.3), episodes=max(1, self._config.episodes // 2))
-            most = self._training["interaction"].max() + 1  # type: ignore[operator]
-            both = [self._training, hybrid.simulated.with_columns(pl.col("interaction") + most)]
-            return self._trained(folder / WEIGHTS, pl.concat(both), config, None, start)
+        if not by_reinforcement(self.name):
+            config = replace(with_steps(self.config, 0.3), episodes=max(1, self.config.episodes // 2))
+            most = self.table["interaction"].max() + 1  # type: ignore[operator]
+            both = [self.table, hybrid.simulated.with_columns(pl.col("interaction") + most)]
+            return self._trained(folder / WEIGHTS, pl.concat(both), config, start=start)
         path = folder / stage_2.WEIGHTS
         if not (folder / COST).exists():  # which is written last; what was killed goes on from its checkpoint
             refinement = hybrid.refinement
             own = replace(
                 refinement.config,
-                objective=MODELS.find(self._name).learning,
+                objective=MODELS.find(self.name).learning,
                 held_out_fraction=GUARD,
             )
             began = time.process_time()
-            online.refine(
-                self._training, own, start, refinement.simulation, learner_seed=self._seed, out_dir=folder, report=None
-            )
+            online.refine(self.table, own, start, refinement.simulation, learner_seed=self.seed, out_dir=folder)
             write_json(folder / COST, {"training_seconds": time.process_time() - began})
         return path
 
@@ -169,15 +155,16 @@ class _Run:
         path: Path,
         table: pl.DataFrame,
         config: PretrainConfig,
-        report: Callable[[Row], None] | None,
-        start: Weights | None,
+        *,
+        report: Report = lambda _: None,
+        start: Weights | None = None,
     ) -> Path:
         if path.exists():
             return path
         interactions, began = from_table(table), time.process_time()
-        networks = train(self._name, interactions, config, self._network, self._seed, report, start)
+        networks = train(self.name, interactions, config, self.network, self.seed, report, start)
         write_json(path.with_name(COST), {"training_seconds": time.process_time() - began})
-        facts: dict[str, Any] = {"stage": "pretrained" if start is None else "refined", "seed": self._seed}
+        facts: dict[str, Any] = {"stage": "pretrained" if start is None else "refined", "seed": self.seed}
         facts["data"] = {"sha256": table_hash(table)}
         save_weights(path, networks.weights(resolved(config), facts))
         return path

@@ -1,8 +1,8 @@
 """Each row of Table 9 on held-out clips, pooled over folds and seeds, with intervals by clips."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
 from vpsci_ros.evaluation.roll_out_scores import energy_score, min_ade
-from vpsci_ros.evaluation.simulators import policy
+from vpsci_ros.evaluation.simulators import rolled_out
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
@@ -28,15 +28,12 @@ from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.extras.paper.studies.cross_validation import Refinement
 from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import COLLISION, GOAL
 
-REFERENCE, COST, MEASURED = "ma_sst_ddpg", "cost.json", "measured.npz"
-DRAWS, ROLL_OUTS = 2, 8  # of models that draw: seen by the classifier, and by the other measures
+REFERENCE, COST = "ma_sst_ddpg", "cost.json"
 _TIMED = 20  # steps whose cost is measured
-_PROTOCOLS, _FIELDS = ("reconstruction", "closed_loop"), fields(ProtocolErrors)
-Arrays = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
 
 
@@ -44,7 +41,7 @@ Floats = NDArray[np.float64]
 class Hybrid:
     """Hybrid learning: the training in simulation, and the world in which models are measured.
 
-    :ivar refinement: of models by reinforcement, and the world in which all models are measured.
+    :ivar refinement: of models by reinforcement.
     :ivar simulated: near-miss table of simulated interactions, for all others.
     :ivar episodes: (scenario, number) in which every model is measured; seed: of their world.
     """
@@ -58,6 +55,19 @@ class Hybrid:
         """Return, as JSON values, everything that the training depends on besides recorded data and weights."""
         return self.refinement.identity() | {"simulated": table_hash(self.simulated)}
 
+    @property
+    def world(self) -> SimulationConfig:
+        """The simulation in which models are measured."""
+        return replace(self.refinement.simulation, episodes=self.episodes, seed=self.seed, batch=256, policies={})
+
+    def ends(self, weights: Weights | None) -> dict[str, int]:
+        """Return how many episodes of `world` were critical, and how many of these ended in collisions and at goals.
+
+        :param weights: None: agents keep their velocity.
+        """
+        outcomes = measure_outcomes(weights, self.world).outcomes
+        return {"critical": len(outcomes), "collided": outcomes.count(COLLISION), "at_goals": outcomes.count(GOAL)}
+
 
 @dataclass
 class Pooled:
@@ -65,33 +75,10 @@ class Pooled:
 
     errors: list[list[Measured]] = field(default_factory=list)
     positions: list[NDArray[np.float64]] = field(default_factory=list)
-    ended: list[int] = field(default_factory=list)
-    collided: list[int] = field(default_factory=list)
-    at_goals: list[int] = field(default_factory=list)
+    ends: list[Mapping[str, int]] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     microseconds: list[float] = field(default_factory=list)
     parameters: int = 0
-
-    def note(self, ends: Mapping[str, int]) -> None:
-        """Add the outcomes of one training, as `_ends` returns them."""
-        self.ended.append(ends["critical"])
-        self.collided.append(ends["collided"])
-        self.at_goals.append(ends["at_goals"])
-
-    def world(self) -> dict[str, Any]:
-        """Return shares of the critical episodes of all trainings, with 95% intervals by Wilson, and of each training.
-
-        The intervals hold the chance of the episodes, which are the same for each training; that of learning shows in
-        `collision_by_training`.
-        """
-        total = sum(self.ended)
-        by_training = [collided / max(1, ended) for collided, ended in zip(self.collided, self.ended, strict=True)]
-        return {
-            "critical_episodes": total,
-            "collision": list(share(sum(self.collided), total)[:3]),
-            "goal": list(share(sum(self.at_goals), total)[:3]),
-            "collision_by_training": by_training,
-        }
 
 
 class Measuring:
@@ -118,29 +105,23 @@ class Measuring:
         weights = load_weights(path)
         if trained == 0:
             row.errors.append([])
-        kept = _kept(path.with_name(MEASURED), weights.digest(), partial(self._arrays, weights, held_out, trained == 0))
-        row.errors[-1].append({p: ProtocolErrors(*(kept[f"{p}_{f.name}"] for f in _FIELDS)) for p in _PROTOCOLS})
-        if trained == 0 and kept["positions"].size:
-            row.positions.append(kept["positions"])
+            if (onsets := self._onsets_of(held_out)) is not None:
+                row.positions.append(rolled_out(PolicyPredictor(weights), onsets))
+        row.errors[-1].append(measure(PolicyPredictor(weights), held_out))
         if hybrid is not None:
-            ends = once(path.parent / "world", _world_identity(hybrid, weights), partial(_ends, weights, hybrid))
-            row.note(ends)
+            of = hybrid.world.identity() | {"weights": weights.digest()}
+            row.ends.append(once(path.parent / "world", of, partial(hybrid.ends, weights)))
         row.seconds.append(float(read_json(path.with_name(COST))["training_seconds"]))
         row.microseconds.append(_step_cost(weights, held_out))
         known = {k: v for k, v in weights.tensors.items() if "_actor." in k and ".observation_" not in k}
         row.parameters = sum(value.size for value in known.values())
 
-    def _arrays(self, weights: Weights, held_out: Interactions, drawing: bool) -> Arrays:
-        """Return errors by protocol and field, and `positions`, where weights lead from the onsets of these clips."""
-        own = measure(PolicyPredictor(weights), held_out)
-        arrays = {f"{p}_{f.name}": getattr(own[p], f.name) for p in _PROTOCOLS for f in _FIELDS}
-        arrays["positions"] = np.zeros(0)
-        if drawing and self._onsets is not None:
-            mine = np.flatnonzero(np.isin(self._onsets.clip.astype(str), held_out.clip.astype(str)))
-            if mine.size:
-                simulate = policy(weights, self._seed, roll_outs=ROLL_OUTS)
-                arrays["positions"] = simulate(self._onsets.take(mine))
-        return arrays
+    def _onsets_of(self, held_out: Interactions) -> Onsets | None:
+        """Return the onsets of the clips of `held_out`; None where no track goes on for 3 s."""
+        if self._onsets is None:
+            return None
+        mine = np.flatnonzero(np.isin(self._onsets.clip.astype(str), held_out.clip.astype(str)))
+        return self._onsets.take(mine) if mine.size else None
 
     def table(self, rows: Mapping[str, Pooled]) -> dict[str, Any]:
         """Return the layout of `model_comparison.compare_models`."""
@@ -151,8 +132,8 @@ class Measuring:
             of["parameters"] = row.parameters
             of["training_seconds"] = float(np.mean(row.seconds))
             of["step_microseconds"] = float(np.median(row.microseconds))
-            if row.ended:
-                of["world"] = row.world()
+            if row.ends:
+                of["world"] = shares_of_ends(row.ends)
             if REFERENCE in errors:
                 for protocol, values in errors[name].items():
                     reference = errors[REFERENCE][protocol]
@@ -176,7 +157,7 @@ class Measuring:
 
     def _people(self, positions: Floats, energies: Floats, onsets: Onsets, draws: Floats) -> dict[str, Any]:
         """Return a subset of what `SameStart.measure` returns, with the classifier's test once instead of ten times."""
-        made = features(with_borrowed_noise(positions[:, :DRAWS], onsets, self._seed), onsets)
+        made = features(with_borrowed_noise(positions, onsets, self._seed), onsets)
         real = {name: value[:, 0] for name, value in features(onsets.recorded[:, None], onsets).items()}
         test = two_sample(real, [made], (onsets.clip, onsets.clip), self._seed, repetitions=1)
         likely, size = likelihoods(positions, onsets)["all"], draws.sum(axis=1)
@@ -192,36 +173,21 @@ class Measuring:
         }
 
 
-def _kept(path: Path, digest: str, make: Callable[[], Arrays]) -> Arrays:
-    """Return the arrays that `make` makes, or that it made of these weights before."""
-    if path.exists():
-        with np.load(path) as kept:
-            if str(kept["digest"]) == digest:
-                return dict(kept)
-    arrays = make()
-    with atomic_write(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, **({"digest": np.array(digest)} | arrays))  # type: ignore[arg-type]
-    return arrays
+def shares_of_ends(ends: Sequence[Mapping[str, int]]) -> dict[str, Any]:
+    """Return shares of the critical episodes of all trainings, with 95% intervals by Wilson, and of each training.
 
+    The intervals hold the chance of the episodes, which are the same for each training; that of learning shows in
+    `collision_by_training`.
 
-def _world_identity(hybrid: Hybrid, weights: Weights) -> dict[str, Any]:
-    return _world(hybrid).identity() | {"weights": weights.digest()}
-
-
-def _world(hybrid: Hybrid) -> Any:
-    return replace(hybrid.refinement.simulation, episodes=hybrid.episodes, seed=hybrid.seed, batch=256, policies={})
-
-
-def without_reaction(hybrid: Hybrid) -> dict[str, Any]:
-    """Return `Pooled.world` of agents that keep their velocity: the control beside collisions and goals."""
-    control = Pooled()
-    control.note(_ends(None, hybrid))
-    return control.world()
-
-
-def _ends(weights: Weights | None, hybrid: Hybrid) -> dict[str, int]:
-    outcomes = measure_outcomes(weights, _world(hybrid)).outcomes
-    return {"critical": len(outcomes), "collided": outcomes.count(COLLISION), "at_goals": outcomes.count(GOAL)}
+    :param ends: of each training, as `Hybrid.ends` returns them.
+    """
+    total, collided, at_goals = (sum(each[name] for each in ends) for name in ("critical", "collided", "at_goals"))
+    return {
+        "critical_episodes": total,
+        "collision": list(share(collided, total)[:3]),
+        "goal": list(share(at_goals, total)[:3]),
+        "collision_by_training": [each["collided"] / max(1, each["critical"]) for each in ends],
+    }
 
 
 def _step_cost(weights: Weights, interactions: Interactions) -> float:

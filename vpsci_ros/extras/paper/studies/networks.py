@@ -5,7 +5,6 @@ All learn from the same near misses in the same number of updates: by supervisio
 """
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -24,10 +23,8 @@ from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS, STEP
 
 Report = Callable[[dict[str, float]], None]
-
-
-class _Learning(Protocol):
-    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]: ...
+Update = Callable[[Batch, int, np.random.Generator], dict[str, float]]
+"""Takes one step of the training and returns the losses by name."""
 
 
 def by_reinforcement(name: str) -> bool:
@@ -51,7 +48,7 @@ def train(
     config: PretrainConfig,
     network: NetworkConfig,
     seed: int,
-    report: Report | None = None,
+    report: Report = lambda _: None,
     start: Weights | None = None,
 ) -> Networks:
     """Train the model of this name.
@@ -64,44 +61,40 @@ def train(
         networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    learning: _Learning
     if by_reinforcement(name):
-        learning = _Reinforcement(MODELS.find(name).learning, networks, interactions, config)
+        update = _reinforcement(MODELS.find(name).learning, networks, interactions, config)
     else:
-        learning = _Supervision(networks, config)
+        update = _supervision(networks, config)
     for episode in range(config.episodes):
-        losses = learning.update(draw_recorded(interactions, config.replay.batch_size, rng), episode, rng)
-        if report is not None:
-            report({"episode": episode + 1, "episodes": config.episodes} | losses)
+        losses = update(draw_recorded(interactions, config.replay.batch_size, rng), episode, rng)
+        report({"episode": episode + 1, "episodes": config.episodes} | losses)
     return networks
 
 
-class _Supervision:
-    """The next velocity of recorded steps: mean absolute error of each component."""
+def _supervision(networks: Networks, config: PretrainConfig) -> Update:
+    """Return the update towards the next velocity of recorded steps: mean absolute error of each component [m/s]."""
+    maddpg = Maddpg(networks, config.updates)
 
-    def __init__(self, networks: Networks, config: PretrainConfig) -> None:
-        self._maddpg = Maddpg(networks, config.updates)
-
-    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
-        """Take one step, and return the loss [m/s] by name."""
-        said, count = self._maddpg.act(batch), 2.0 * len(AGENTS) * batch.present.sum()
+    def update(batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
+        said, count = maddpg.act(batch), 2.0 * len(AGENTS) * batch.present.sum()
         errors = [((said[a] - batch.action[a]).abs().sum(dim=2) * batch.present).sum() for a in AGENTS]
         loss = STEP * torch.stack(errors).sum() / count
-        self._maddpg.actor_optimiser.zero_grad()
+        maddpg.actor_optimiser.zero_grad()
         loss.backward()
-        self._maddpg.actor_optimiser.step()
+        maddpg.actor_optimiser.step()
         return {"velocity_error": float(loss.detach())}
 
+    return update
 
-class _Reinforcement:
-    """Stage 1 by critics: what `learning.pretrain` does in an iteration."""
 
-    def __init__(self, name: str, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
-        training = Training(Maddpg(networks, config.updates), RecordedRewards(config.rewards, networks), interactions)
-        self._objective = find_objective(name).pretrain(training, config)
+def _reinforcement(name: str, networks: Networks, interactions: Interactions, config: PretrainConfig) -> Update:
+    """Return the update of stage 1 by critics: what `learning.pretrain` does in an iteration."""
+    training = Training(Maddpg(networks, config.updates), RecordedRewards(config.rewards, networks), interactions)
+    objective = find_objective(name).pretrain(training, config)
 
-    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
-        """Take one step of critics and actors, and return the losses by name."""
-        result = self._objective.update(batch, iteration, rng)
+    def update(batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
+        result = objective.update(batch, iteration, rng)
         critics = {f"{agent}_critic_loss": loss for agent, loss in result.critic_loss.items()}
         return critics | {f"{agent}_actor_loss": loss for agent, loss in result.actor_loss.items()}
+
+    return update
