@@ -6,7 +6,7 @@
 An onset is the first step of a near miss with CurvTTC below 5 s, with 3 s recorded after it. The pedestrian goes first
 where its path crosses the car's (carried on straight for 15 m) before the car is there; the car, where its rear has
 passed the crossing point, or the pedestrian where the paths do not cross; otherwise it is open. Accelerations are those
-of which banks are made. 95% intervals by clips. Twelve CPU seconds.
+of which banks are made. 95% intervals by clips, or by groups where there are fewer than four. Twelve CPU seconds.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.evaluation.statistics import cluster_counts, interval, units_of
 from vpsci_ros.policy.make_bank import LEAST, actions_of, fitted
 from vpsci_ros.safety import VEHICLE_LENGTH
 from vpsci_ros.safety.encroachment import first_crossing
@@ -38,9 +38,9 @@ def first_to_go(motion: Floats) -> str:
     return "car" if (past > 0.5 * VEHICLE_LENGTH).any() else "open"
 
 
-def with_interval(values: Floats, clips: NDArray[np.str_]) -> str:
-    """Return the mean of float64[n] with its interval by clips."""
-    counts = cluster_counts(clips, 0)
+def with_interval(values: Floats, units: NDArray[np.str_]) -> str:
+    """Return the mean of float64[n] with its interval by units."""
+    counts = cluster_counts(units, 0)
     low, high = interval((counts @ values) / np.maximum(counts.sum(axis=1), 1.0))
     return f"{values.mean():.2f} [{low:.2f}, {high:.2f}]"
 
@@ -52,19 +52,20 @@ def print_place(name: str) -> None:
     done, speed = actions_of(motion)[..., 0], np.hypot(motion.motion[..., 3], motion.motion[..., 4])
     rows = np.flatnonzero(recorded.first <= recorded.length - 1 - LEAST)
     begin = recorded.first[rows]
-    clips, fast = recorded.clip[rows].astype(str), speed[rows, begin]
+    units, fast = units_of(recorded.clip[rows], recorded.group[rows]), speed[rows, begin]
+    print(f"{name}: intervals by {units.text}")
     tracks = zip(rows, begin, recorded.length[rows], strict=True)
     first = np.array([first_to_go(recorded.motion[i, at:end]) for i, at, end in tracks])
     steps = begin[:, None] + np.arange(LEAST)
     braking = done[rows[:, None], steps].reshape(len(rows), -1, SECOND).mean(axis=2)
     for low, high in SPEEDS:
         inside = (fast >= low) & (fast < high)
-        held = with_interval((first == "pedestrian")[inside].astype(np.float64), clips[inside])
+        held = with_interval((first == "pedestrian")[inside].astype(np.float64), units.labels[inside])
         print(f"{name}, {low:g} to {high:g} m/s: n = {inside.sum()}, pedestrian first {held}")
         for who in ("car", "pedestrian", "open"):
             own = inside & (first == who)
             if own.any():
-                seconds = "; ".join(with_interval(column, clips[own]) for column in braking[own].T)
+                seconds = "; ".join(with_interval(column, units.labels[own]) for column in braking[own].T)
                 print(f"  {who} first, n = {own.sum()}: {seconds} m/s2 in seconds 1, 2, 3", flush=True)
 
 

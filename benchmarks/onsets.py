@@ -20,7 +20,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.evaluation.onsets import STEPS, find_onsets
-from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
+from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, resampled, share, units_of
 from vpsci_ros.extras.paper.realism.long_run import SETS_OFF, STANDS
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.policy.agent import policies
@@ -103,13 +103,14 @@ def with_onset(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def recorded(table: pl.DataFrame) -> pl.DataFrame:
-    """Return a row an onset, with its `clip`."""
+    """Return a row an onset, with its `clip` and `group`."""
     rows = []
     for part in with_onset(table).partition_by("interaction", maintain_order=True):
         size = size_of(part)
         onset = onset_of(part.select(TRACK).to_numpy(), part["curvttc_causal"].to_numpy(), size)
         if onset is not None:
-            rows.append(onset | {"clip": f"{part['source'][0]}/{part['clip'][0]}"})
+            clip, group = f"{part['source'][0]}/{part['clip'][0]}", part["group"][0]
+            rows.append(onset | {"clip": clip, "group": group})
     return pl.DataFrame(rows)
 
 
@@ -176,12 +177,18 @@ def _jumps(moves: Floats) -> dict[str, float]:
     return {"car_jump": abs(change[0]), "walk_jump": float(np.hypot(*change[1:3]))}
 
 
+def units(table: pl.DataFrame) -> Units:
+    """Return what intervals of recorded onsets resample: clips, or groups where there are few clips."""
+    return units_of(table["clip"].to_numpy(), table["group"].to_numpy())
+
+
 def fit(name: str, table: pl.DataFrame) -> None:
-    """Print the quantiles that `world.people` has, with 95% intervals of whole clips."""
-    print(f"{name}: {table.height} onsets of {table['clip'].n_unique()} clips; quantiles at {people.SHARES[1:-1]}")
+    """Print the quantiles that `world.people` has, with 95% intervals of `units`."""
+    table = table.with_columns(unit=units(table).labels)
+    print(f"{name}: {table.height} onsets of {units(table).text}; quantiles at {people.SHARES[1:-1]}")
     for column in (*MOTION[:4], "oblique", "miss"):
         known = table.filter(pl.col(column).is_not_nan())
-        values, counts = known[column].to_numpy(), cluster_counts(known["clip"].to_numpy(), 0)
+        values, counts = known[column].to_numpy(), cluster_counts(known["unit"].to_numpy(), 0)
         order = np.argsort(values)
         drawn = np.cumsum(counts[:, order], axis=1)
         parts = []
@@ -227,10 +234,10 @@ def compare(name: str, mine: pl.DataFrame, real: pl.DataFrame, shares: dict[str,
         jumps = mine[f"{agent}_jump"].drop_nans().to_numpy()
         found = share(int((jumps > 1.0).sum()), len(jumps))
         print(f"  {agent} jump > 1 m/s2 at the hand-over: {found.value:.1%} [{found.low:.1%}, {found.high:.1%}]")
-    clips = real["clip"].to_numpy().astype(object), mine["clip"].to_numpy().astype(object)
+    held = units(real).labels, mine["clip"].to_numpy().astype(str)
     for what, columns in SETS.items():
         sides = {c: real[c].to_numpy() for c in columns}, {c: mine[c].to_numpy()[:, None] for c in columns}
-        found = two_sample(sides[0], [sides[1]], clips, seed, paired=False)
+        found = two_sample(sides[0], [sides[1]], held, seed, paired=False)
         low, high = found.auc_interval
         print(f"  C2ST of the onset, {what}: {found.auc:.2f} [{low:.2f}, {high:.2f}]")
 

@@ -1,11 +1,14 @@
+import io
 import json
 
 import numpy as np
 import polars as pl
 import pytest
+from rich.console import Console
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
 from vpsci_ros.evaluation.predictors import RepeatVelocity
 
@@ -57,3 +60,19 @@ def test_the_fixed_3_s_of_one_roll_out_have_the_ade_as_energy_score(result) -> N
     assert result["models"]["constant_velocity_tracked"]["fixed_3s"]["of_constant_velocity"] == pytest.approx(1.0)
     jerky, control = (result["models"][name]["fixed_3s"]["ade"] for name in ("jerky", "repeat_velocity"))
     assert jerky > control
+
+
+def test_the_intervals_of_one_long_recording_resample_its_groups_and_say_so(result) -> None:
+    table = synthetic_near_misses(interactions=16, seed=3).table
+    one = evaluate(table.with_columns(clip=pl.lit("long")), {"same": RepeatVelocity(), "jerky": Jerky()})
+    assert one["clips"] == one["fixed_3s"]["clips"] == 1
+    for of, units in ((one, "groups"), (result, "clips")):  # each made-up near miss has a vehicle and a clip of its own
+        assert of["units"] == f"{of['interactions']} {units}"
+        assert of["fixed_3s"]["units"] == f"{of['fixed_3s']['interactions']} {units}"
+    of, theirs = (each["models"]["jerky"] for each in (one, result))
+    for protocol in ("reconstruction", "closed_loop"):
+        low, high = of[protocol]["ade_interval"]
+        assert low < of[protocol]["ade"] == theirs[protocol]["ade"] < high
+    console = Console(record=True, width=100, file=io.StringIO())
+    print_errors(one, console)
+    assert f"Intervals: 95%, {one['units']} resampled." in " ".join(console.export_text().split())

@@ -22,6 +22,7 @@ def straight(steps=40, acceleration=0.0, critical=slice(12, 36)):
         "interaction": [0] * steps,
         "source": ["made"] * steps,
         "clip": ["a"] * steps,
+        "group": [0] * steps,
         "step": range(steps),
         "time": time,
     }

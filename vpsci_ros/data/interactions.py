@@ -22,7 +22,8 @@ _ByAgent = dict[str, NDArray[np.float32]]
 class Interactions:
     """N interactions of up to T steps of 0.1 s; entries at and past `length` are zero.
 
-    length int64[N]; first, last int64[N]: first and last step with CurvTTC < 5 s; clip object[N]: "source/clip".
+    length int64[N]; first, last int64[N]: first and last step with CurvTTC < 5 s; clip object[N]: "source/clip"; group
+    int64[N]: one number for all interactions of one vehicle at one time.
     motion float64[N, T, 9]: vehicle x, y, heading, vx, vy, pedestrian x, y, vx, vy [m, rad, m/s], map frame.
     curvttc float64[N, T] [s]. Per agent, computed from `motion` on first use: observation float32[N, T, 6] (6)-(7);
     action float32[N, T, 2], the recorded acceleration (v(t+1) - v(t)) / 0.1 s [m/s2]; next_velocity float32[N, T, 2]
@@ -33,6 +34,7 @@ class Interactions:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     clip: NDArray[np.object_]
+    group: NDArray[np.int64]
     motion: NDArray[np.float64]
     curvttc: NDArray[np.float64]
 
@@ -114,8 +116,10 @@ def from_rows(rows: pl.DataFrame, curvttc_column: str = "curvttc") -> Interactio
     motion[at], curvttc[at] = rows.select(_MOTION).to_numpy(), rows[curvttc_column].to_numpy()
     critical = curvttc < CRITICAL_TTC
     last = critical.shape[1] - 1 - critical[:, ::-1].argmax(axis=1)
-    clip = rows[begin.tolist()].select(pl.concat_str("source", "clip", separator="/")).to_series().to_numpy()
-    return Interactions(length, critical.argmax(axis=1), last, clip.astype(object), motion, curvttc)
+    firsts = rows[begin.tolist()]
+    clip = firsts.select(pl.concat_str("source", "clip", separator="/")).to_series().to_numpy().astype(object)
+    group = firsts["group"].to_numpy().astype(np.int64)
+    return Interactions(length, critical.argmax(axis=1), last, clip, group, motion, curvttc)
 
 
 def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:

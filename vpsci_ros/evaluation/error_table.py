@@ -19,12 +19,13 @@ def print_errors(result: dict[str, Any], console: Console) -> None:
     console.print(text_table(title, heads, rows))
     console.print(
         "The control is repeat_velocity. constant_velocity_tracked starts its closed loop from the vehicle's velocity "
-        "by its last positions, as the policies do; the other controls from the recorded one. Intervals: 95%, clips "
-        "resampled.",
+        "by its last positions, as the policies do; the other controls from the recorded one. Intervals: 95%, "
+        f"{result['units']} resampled.",
         highlight=False,
     )
     if fixed := result.get("fixed_3s"):
         title = f"3 s from the onset of {fixed['interactions']} interactions of {fixed['clips']} clips"
+        title += f", intervals by {fixed['units']}" if fixed["units"] != result["units"] else ""
         heads = ["", "roll-\nouts", "\nADE [m]", "energy\nscore [m]", "its share of tracked\nconstant velocity's"]
         rows = []
         for name, own in ((name, of["fixed_3s"]) for name, of in result["models"].items() if "fixed_3s" in of):

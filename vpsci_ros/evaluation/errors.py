@@ -22,7 +22,7 @@ from vpsci_ros.evaluation.protocols import (
 from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.roll_out_scores import errors as roll_out_errors
 from vpsci_ros.evaluation.simulators import policy, rolled_out
-from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, units_of
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
@@ -36,10 +36,11 @@ Share = tuple[float, list[float]]  # and its interval
 def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int = 0) -> dict[str, Any]:
     """Measure models and controls on near misses, in the layout of `vpsci evaluate --json`.
 
-    {"interactions": N, "clips": C, "models": {NAME: {"reconstruction": ERRORS, "closed_loop": ERRORS}}}, where ERRORS
+    {"interactions": N, "clips": C, "units": "118 clips", "models": {NAME: {"reconstruction": ERRORS, "closed_loop":
+    ERRORS}}}, where `units` is what intervals resample, see `statistics.units_of`, and ERRORS
     holds `ade`, `fde` [m], `rmse` by quantity [m/s, m], `ade_vehicle` and `ade_pedestrian` [m], the 95% intervals
     `ade_interval` and `fde_interval` [m], and `ade_ratio` with `ade_ratio_interval`: the ADE as a share of
-    `repeat_velocity`'s. Intervals resample whole clips, since interactions of one clip share agents.
+    `repeat_velocity`'s.
 
     In closed loop the first two controls are the same: the last recorded velocity, kept. In reconstruction
     `repeat_velocity` looks again at every step, and the others keep the velocity of the first critical step.
@@ -71,23 +72,25 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor]
 def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int) -> dict[str, Any]:
     """Return errors and energy score [m] over the 3 s after each onset, whether critical or not.
 
-    {"interactions": N, "clips": C, "models": {NAME: {"roll_outs": K, "ade": m, "fde": m, "energy_score": m,
-    "energy_score_interval": [m, m], "of_constant_velocity": share of the tracked control's energy score,
-    "of_constant_velocity_interval": [.., ..]}}}; N is 0, without models, where no track goes on for 3 s.
+    {"interactions": N, "clips": C, "units": .., "models": {NAME: {"roll_outs": K, "ade": m, "fde": m,
+    "energy_score": m, "energy_score_interval": [m, m], "of_constant_velocity": share of the tracked control's energy
+    score, "of_constant_velocity_interval": [.., ..]}}}; N is 0, without models, where no track goes on for 3 s.
     """
     try:
         onsets = find_onsets(near_misses)
     except InvalidInput:
-        return {"interactions": 0, "clips": 0, "models": {}}
+        return {"interactions": 0, "clips": 0, "units": "", "models": {}}
     positions = {
         name: policy(model, seed)(onsets) if isinstance(model, (Bank, Weights)) else rolled_out(model, onsets)
         for name, model in models.items()
     }
     scores = {name: energy_score(own, onsets.recorded) for name, own in positions.items()}
-    draws, control = cluster_counts(onsets.clip.astype(str), seed), scores["constant_velocity_tracked"]
+    units, control = onsets.units, scores["constant_velocity_tracked"]
+    draws = cluster_counts(units.labels, seed)
     return {
         "interactions": len(onsets),
         "clips": len(set(onsets.clip)),
+        "units": units.text,
         "models": {
             name: {
                 "roll_outs": positions[name].shape[1],
@@ -111,11 +114,13 @@ def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: in
     errors["constant_velocity"] = {"reconstruction": held, "closed_loop": loop}
     loop = closed_loop(RepeatVelocity(TRACKED_STEPS), interactions)
     errors["constant_velocity_tracked"] = {"reconstruction": held, "closed_loop": loop}
-    draws = cluster_counts(interactions.clip.astype(str), seed)
+    units = units_of(interactions.clip, interactions.group)
+    draws = cluster_counts(units.labels, seed)
     control = errors["repeat_velocity"]
     return {
         "interactions": len(interactions),
         "clips": len(set(interactions.clip)),
+        "units": units.text,
         "models": {
             name: {protocol: _summary(result[protocol], control[protocol], draws) for protocol in result}
             for name, result in errors.items()
@@ -123,12 +128,9 @@ def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: in
     }
 
 
-def share_of(errors: ProtocolErrors, reference: ProtocolErrors, clips: NDArray[np.object_], seed: int) -> Share:
-    """Return a model's ADE as a share of another's on the same interactions, with its 95% interval by clips.
-
-    :param clips: object[N], the clip of each interaction.
-    """
-    return _share(errors, reference, cluster_counts(clips.astype(str), seed))
+def share_of(errors: ProtocolErrors, reference: ProtocolErrors, units: Units, seed: int) -> Share:
+    """Return a model's ADE as a share of another's on the same N interactions, with its 95% interval by `units`."""
+    return _share(errors, reference, cluster_counts(units.labels, seed))
 
 
 def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.float64]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.interactions import Interactions, from_rows
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.statistics import Units, units_of
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
@@ -42,6 +43,11 @@ class Onsets:
         return self.interactions.clip
 
     @property
+    def units(self) -> Units:
+        """What intervals resample."""
+        return units_of(self.clip, self.interactions.group)
+
+    @property
     def source(self) -> NDArray[np.object_]:
         """object[N]: the data set that each comes from."""
         return np.array([clip.partition("/")[0] for clip in self.clip], object)
@@ -64,8 +70,17 @@ class Onsets:
 
 
 def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
-    """Return the candidate donors of each onset, bool[n, L]: other clips, of the same source if it has any."""
+    """Return the candidate donors of each onset, bool[n, L]: other clips, of the same source if it has any.
+
+    Where the library has no other clip, the donors are other groups.
+
+    :raises InvalidInput: an onset has none of both.
+    """
     strange = onsets.clip[:, None] != library.clip[None, :]
+    other = onsets.interactions.group[:, None] != library.interactions.group[None, :]
+    strange = np.where(strange.any(axis=1, keepdims=True), strange, other)
+    if not strange.any(axis=1).all():
+        raise InvalidInput("near misses: expected those of two vehicles or more, got one vehicle; give more recordings")
     near = strange & (onsets.source[:, None] == library.source[None, :])
     return np.where(near.any(axis=1, keepdims=True), near, strange)
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 LEVEL = 0.95
 RESAMPLES = 2000
+LEAST_CLIPS = 4  # of three, a resample is one clip alone in 1 of 27 draws, which is an end of a 95% interval
 Floats = NDArray[np.float64]
 Statistic = Callable[[Floats], Floats]
 
@@ -32,6 +33,38 @@ class Estimate(NamedTuple):
 
 
 NOTHING = Estimate(math.nan, math.nan, math.nan, 0)
+
+
+class Units(NamedTuple):
+    """What intervals of recorded near misses resample.
+
+    :ivar labels: str[n], the unit of each near miss.
+    :ivar name: "clips" or "groups".
+    """
+
+    labels: NDArray[np.str_]
+    name: str
+
+    @property
+    def text(self) -> str:
+        """Their number and what they are, as in "118 clips"."""
+        count = len(np.unique(self.labels))
+        return f"{count} {self.name if count != 1 else self.name[:-1]}"
+
+
+def units_of(clips: NDArray[Any], groups: NDArray[np.int64]) -> Units:
+    """Return the units of n near misses: clips, or groups where there are fewer than `LEAST_CLIPS` clips.
+
+    Near misses of one clip share place and traffic, so that clips are the units where there are several. Of one long
+    recording all resamples would be equal and the interval empty; there the near misses of one vehicle at one time,
+    a group, are the unit, and the interval covers the traffic of that recording.
+
+    :param clips: [n], the clip of each; groups: int64[n], the column `group` of a near-miss table.
+    """
+    labels = np.asarray(clips).astype(str)
+    if len(np.unique(labels)) >= LEAST_CLIPS:
+        return Units(labels, "clips")
+    return Units(np.char.add(np.char.add(labels, " "), np.asarray(groups).astype(str)), "groups")
 
 
 def share(hits: int, n: int, level: float = LEVEL) -> Estimate:

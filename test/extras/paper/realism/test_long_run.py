@@ -52,3 +52,6 @@ def test_generated_interactions_are_watched_as_long_as_recorded_ones() -> None:
     same = long_run(table, table.with_columns(clip=pl.lit("1")), 0)
     for name, (value, low, high) in same["recorded"].items():
         assert np.isnan(value) or low <= value <= high, name
+    clear = "clear_after_s_median"
+    one = long_run(table.with_columns(clip=pl.lit("1")), table, 0)["recorded"]
+    assert one[clear][1] < one[clear][2], "of one clip the groups are resampled"

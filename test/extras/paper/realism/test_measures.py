@@ -18,7 +18,7 @@ CLIPS_OF = 4  # synthetic encounters that are to count as a clip
 
 
 def as_clips(onsets: Onsets) -> np.ndarray:
-    return np.array([f"clip_{i // CLIPS_OF}" for i in range(len(onsets))], object)
+    return np.array([f"clip_{i // CLIPS_OF}" for i in range(len(onsets))])
 
 
 def test_an_onset_is_the_first_causally_critical_step_with_a_second_before_and_three_after(onsets: Onsets) -> None:
@@ -76,6 +76,6 @@ def test_the_classifier_finds_constant_velocity_and_not_a_fresh_half_of_the_reco
 
 def test_one_clip_cannot_be_separated(onsets: Onsets) -> None:
     of = features(onsets.recorded[:, None], onsets)
-    one = np.full(len(onsets), "one", object)
-    with pytest.raises(InvalidInput, match="two clips or more"):
+    one = np.full(len(onsets), "one")
+    with pytest.raises(InvalidInput, match="two clips or vehicles"):
         two_sample({name: value[:, 0] for name, value in of.items()}, [of], (one, one), 0)

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 from extras.paper.realism.straight import constant_velocity
+from rich.console import Console
 from synthetic import block_of_pairs, synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter
@@ -19,6 +20,7 @@ from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
 from vpsci_ros.extras.paper.realism.run import measure_realism
 from vpsci_ros.extras.paper.realism.same_start import SameStart
+from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.runs.files import write_json
 
@@ -74,6 +76,29 @@ def test_each_source_has_donors_of_its_own() -> None:
     assert foreign.missing == ["here"]  # the only one in the library is from there
 
 
+def test_one_long_recording_is_measured_by_its_groups(one_repetition: None, capsys: pytest.CaptureFixture[str]) -> None:
+    table = synthetic_near_misses(interactions=12, seed=3).table.with_columns(clip=pl.lit("long"))
+    same = pl.when(pl.col("interaction") < 2).then(0).otherwise(pl.col("interaction"))
+    table = table.with_columns(group=same)  # the first two are of one vehicle
+    onsets = find_onsets(table)
+    allowed = borrowable(onsets, onsets)
+    of_one = np.isin(onsets.number, (0, 1))
+    assert (allowed == ~(np.eye(len(onsets), dtype=bool) | (of_one[:, None] & of_one))).all()
+    found = measure_realism(table, {"noisy": noisy}, repetitions=1)
+    units = f"{len(onsets) - of_one.sum() + 1} groups"
+    assert (found["same_start"]["clips"], found["same_start"]["units"]) == (1, units)
+    for name in ("constant_turn", "residual_sampler", "noisy"):
+        low, high = found["same_start"]["models"][name]["energy_score_interval"]
+        assert low < found["same_start"]["models"][name]["energy_score"] < high
+    print_realism(found, Console(width=130))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "in folds by group" in printed
+    assert f"Intervals: 95%, {units} resampled." in printed
+    alone = find_onsets(table.with_columns(group=pl.lit(0)))
+    with pytest.raises(InvalidInput, match="expected those of two vehicles or more"):
+        borrowable(alone, alone)
+
+
 def test_the_mean_turn_repeats_a_motion_that_everybody_has() -> None:
     t = 0.1 * np.arange(31)
     speed, way = 4.0 - 0.5 * t, 4.0 * t - 0.25 * t**2
@@ -116,3 +141,4 @@ def test_free_simulation_is_compared_at_the_onset_and_after_it(dataset: Path, mo
     assert set(found["c2st_auc"]) == {"onset", "after"}
     assert set(found["long_run"]) == {"recorded", "generated"}
     assert found["interactions"]["generated"] == 6
+    assert found["units"] == "16 clips"

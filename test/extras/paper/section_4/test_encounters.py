@@ -45,7 +45,7 @@ def test_a_generated_episode_is_described_at_its_first_critical_frame(dataset: P
 def test_a_recorded_near_miss_is_described_by_the_same_columns(tmp_path: Path) -> None:
     found = recorded_encounters(pl.concat([near_miss(0, 1.5, braking=1.0), near_miss(1, 2.5)]))
     assert found.schema == SCHEMA
-    assert found["group"].to_list() == ["mine/one"] * 2
+    assert found["group"].to_list() == ["mine/one 0", "mine/one 1"], "of one clip the groups are resampled"
     assert found["onset_curvttc"].to_list() == [4.5, 4.5]
     assert found["least_curvttc"].to_list() == [1.5, 2.5]
     assert found["conflict"].to_list() == [True, False]

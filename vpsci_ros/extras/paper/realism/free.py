@@ -31,7 +31,8 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
     made = as_near_misses(dataset, episodes, seed)
     onsets = {name: find_onsets(side) for name, side in (("recorded", table), ("generated", made))}
     recorded, simulated = onsets.values()
-    clips = recorded.clip, simulated.clip
+    units = recorded.units
+    held = units.labels, simulated.clip.astype(str)
     begins = [_start_features(side) for side in (recorded, simulated)]
     after = {name: value[:, 0] for name, value in features(recorded.recorded[:, None], recorded).items()}
     made_of = [
@@ -39,11 +40,12 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
         for k in range(REPETITIONS)
     ]
     tests = {
-        "onset": two_sample(begins[0], [_column(begins[1])], clips, seed, paired=False),
-        "after": two_sample(after, made_of, clips, seed, paired=False),
+        "onset": two_sample(begins[0], [_column(begins[1])], held, seed, paired=False),
+        "after": two_sample(after, made_of, held, seed, paired=False),
     }
     return {
         "interactions": {name: len(found) for name, found in onsets.items()},
+        "units": units.text,
         "long_run": long_run(table, made, seed),
         "c2st_auc": {name: [test.auc, *test.auc_interval] for name, test in tests.items()},
         "c2st_auc_spread": {name: test.spread for name, test in tests.items()},
@@ -85,9 +87,9 @@ def _near_miss(pair: Episode, number: int) -> pl.DataFrame:
     vehicle = {f"veh_{name}": getattr(seen, name)[steps] for name in ("x", "y", "vx", "vy", "heading", "speed")}
     walk = {name: getattr(seen, name)[0, steps] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy")}
     ttc = pair.known_curvttc[0, steps]
-    known = {"interaction": number, "source": "generated", "clip": pair.group}
+    known = {"interaction": number, "group": number, "source": "generated", "clip": pair.group}
     return pl.DataFrame({**vehicle, **walk, "curvttc": ttc, "curvttc_causal": ttc}).with_columns(
-        **{name: pl.lit(value, pl.Int64 if name == "interaction" else pl.String) for name, value in known.items()}
+        **{name: pl.lit(value, pl.Int64 if isinstance(value, int) else pl.String) for name, value in known.items()}
     )
 
 

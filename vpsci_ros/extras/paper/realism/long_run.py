@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.recorded import size_of
-from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.evaluation.statistics import cluster_counts, interval, units_of
 from vpsci_ros.safety import CRITICAL_TTC, clearance
 from vpsci_ros.world.observation import STEP
 
@@ -25,13 +25,15 @@ _HALF_SECOND = 5  # steps
 def long_run(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int) -> dict[str, Any]:
     """Return, for each side, shares and quantiles with 95% intervals, [value, low, high] by name.
 
-    Intervals resample clips: of the generated side scenarios are few, so its interactions are resampled.
+    Intervals resample `units_of` the recorded side; of the generated side scenarios are few, so its interactions.
 
     :param recorded: near misses of whole tracks; generated: `free.as_near_misses`.
     """
     people, made = watched_tracks(recorded, generated, seed)
-    clips = [recorded.filter(pl.col("interaction") == number)["clip"][0] for number in people]
-    sides = {"recorded": (people, np.array(clips)), "generated": (made, np.arange(len(made)))}
+    first = recorded.unique("interaction", keep="first", maintain_order=True)
+    first = first.filter(pl.col("interaction").is_in(list(people)))
+    units = units_of(first["clip"].to_numpy(), first["group"].to_numpy())
+    sides = {"recorded": (people, units.labels), "generated": (made, np.arange(len(made)))}
     return {name: _summary(list(own.values()), clusters, seed) for name, (own, clusters) in sides.items()}
 
 

@@ -84,7 +84,8 @@ def measure_realism(
         notify(name, done, len(wanted) + (dataset is not None))
         models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate))
     clips, missing = len(set(onsets.clip)), same_start.missing
-    part = {"interactions": len(onsets), "clips": clips, "not_in_library": missing, "models": models}
+    part = {"interactions": len(onsets), "clips": clips, "units": same_start.units.text, "not_in_library": missing}
+    part["models"] = models
     part["range"] = {name: _range(bank, onsets, people) for name, bank in (banks or {}).items()}
     result: dict[str, Any] = {"same_start": part}
     if dataset is not None:

@@ -30,8 +30,9 @@ class SameStart:
 
     :param onsets: those to be scored on; library: those whose residuals the sampler borrows, of other clips. Where it
         lacks a source that is scored, the noise of measurement comes from the scored clips: it is the camera's.
-    :param seed: of the classifier, of what is resampled, and of the resampling of clips.
+    :param seed: of the classifier and its draws, and of the resampling of units.
     :param repetitions: of the classifier's test; of the families of features, `FAMILY_REPETITIONS` at most.
+    :ivar units: what intervals resample, and what the classifier's folds hold out.
     """
 
     def __init__(self, onsets: Onsets, library: Onsets, seed: int, repetitions: int = REPETITIONS) -> None:
@@ -40,7 +41,8 @@ class SameStart:
         self._noise = onsets if self.missing else library
         self._middle = tracked(onsets)
         self._turn = constant_turn(onsets, library, self._middle)
-        self._draws = cluster_counts(onsets.clip.astype(str), seed)
+        self.units = onsets.units
+        self._draws = cluster_counts(self.units.labels, seed)
         own = features(onsets.recorded[:, None], onsets)
         self._real = {name: value[:, 0] for name, value in own.items()}
         middles = {"constant_velocity": self._middle, TURN: self._turn}
@@ -64,7 +66,7 @@ class SameStart:
         )  # fmt: skip
 
     def measure(self, positions: Floats) -> dict[str, Any]:
-        """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by clips.
+        """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by `units`.
 
         The recording itself, given as roll-outs, shows how far the classifier separates by the borrowed noise alone.
         """
@@ -73,12 +75,12 @@ class SameStart:
         contact = motion(with_onset(positions, onsets.start), onsets.start, onsets.size).clearance <= 0.0
         touched = contact.any(axis=-1).mean(axis=1)
         made = [self._seen(positions, self._seed + k) for k in range(self._repetitions)]
-        clips, families = (onsets.clip, onsets.clip), min(FAMILY_REPETITIONS, self._repetitions)
+        units, families = (self.units.labels, self.units.labels), min(FAMILY_REPETITIONS, self._repetitions)
         tests = {
             name: two_sample(
                 family(self._real, name),
                 [family(one, name) for one in made],
-                clips,
+                units,
                 self._seed,
                 repetitions=self._repetitions if name == "all" else families,
             )

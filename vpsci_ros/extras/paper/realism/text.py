@@ -57,10 +57,11 @@ def _same_start(part: dict[str, Any], console: Console) -> None:
             "borrow from people of another site; noise comes from the scored clips.",
             style="bold",
         )
+    units = part.get("units", f"{part['clips']} clips")  # a run of an earlier version has none
     console.print(
         "Energy score: proper, best for the true distribution; the ADE for one roll-out. C2ST: area under the curve of "
-        "a classifier in folds by clip, mean of ten ± deviation, 0.5 is perfect; recorded: recordings with another's "
-        "shake. Intervals: 95%, by clips.",
+        f"a classifier in folds by {units.split()[1].removesuffix('s')}, mean of ten ± deviation, 0.5 is perfect; "
+        f"recorded: recordings with another's shake. Intervals: 95%, {units} resampled.",
         highlight=False,
     )
 
@@ -76,6 +77,10 @@ def _free(part: dict[str, Any], console: Console) -> None:
         for key in next(iter(whole.values()))
     ]
     console.print(text_table("Free simulation in the long run, watched equally long", ("", *whole), rows))
+    console.print(
+        f"Intervals: 95%, {part.get('units', 'clips')} of recordings and single generated episodes resampled.",
+        highlight=False,
+    )
     for name, (auc, low, high) in part["c2st_auc"].items():
         single = _farthest(part["given_away_by"][name])
         console.print(f"C2ST, {name}: {auc:.2f} ({low:.2f}-{high:.2f}); {single}", highlight=False)

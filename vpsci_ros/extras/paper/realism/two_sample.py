@@ -1,4 +1,4 @@
-"""The two-sample test by a classifier: how gradient boosting separates simulations from recordings of unseen clips.
+"""The two-sample test by a classifier: how gradient boosting separates simulations from unseen recordings.
 
 The area under the curve (AUC) is 0.5 where nothing gives a simulation away, and 1 where everything does. See
 'Revisiting classifier two-sample tests' by Lopez-Paz and Oquab, ICLR 2017 (https://arxiv.org/abs/1610.06545).
@@ -14,6 +14,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 
 Floats = NDArray[np.float64]
+Labels = tuple[NDArray[np.str_], NDArray[np.str_]]
 FOLDS = 5
 REPETITIONS = 10  # one alone has a standard deviation of 0.02 to 0.05
 FAMILIES = ("all", "vehicle", "pedestrian", "joint")
@@ -22,8 +23,8 @@ FAMILIES = ("all", "vehicle", "pedestrian", "joint")
 class TwoSample(NamedTuple):
     """The result of the classifier test."""
 
-    auc: float  # area under the curve, each scored by a fold that has not seen its clip; mean of the repetitions
-    auc_interval: tuple[float, float]  # 95%, clips resampled
+    auc: float  # area under the curve, each scored by a fold that has not seen its unit; mean of the repetitions
+    auc_interval: tuple[float, float]  # 95%, units resampled
     spread: float  # standard deviation of the repetitions' areas
     picked: float  # two-alternative forced choice: how often the recording of a pair gets the higher score
     importance: dict[str, float]  # AUC of single features without a classifier, the five farthest from 0.5
@@ -32,40 +33,40 @@ class TwoSample(NamedTuple):
 def two_sample(
     recorded: Mapping[str, Floats],
     simulated: Sequence[Mapping[str, Floats]],
-    clips: tuple[NDArray[np.object_], NDArray[np.object_]],
+    units: Labels,
     seed: int,
     *,
     paired: bool = True,
     repetitions: int = REPETITIONS,
 ) -> TwoSample:
-    """Classify recordings and simulations with folds by clip, repeated with new folds and draws.
+    """Classify recordings and simulations with folds by unit, repeated with new folds and draws.
 
     :param recorded: feature -> float64[n].
     :param simulated: feature -> float64[m, K], K simulations that share a weight of 1; a mapping for each repetition,
         taken again from the first where there are fewer.
-    :param clips: the clip (or what else is to be held out as a whole) of each recording and of each simulation.
+    :param units: what is held out as a whole, of each recording and of each simulation, see `statistics.units_of`.
     :param paired: row i of both begins alike: a pair of the forced choice is such a row. Else all pairs count.
-    :raises InvalidInput: fewer than two clips.
+    :raises InvalidInput: fewer than two units.
     """
     names = list(recorded)
     real = np.stack([recorded[name] for name in names], axis=1)
     every = [np.stack([one[name] for name in names], axis=2) for one in simulated]
     made = every[0]
-    of_each = [_once(real, every[k % len(every)], clips, seed + k) for k in range(repetitions)]
+    of_each = [_once(real, every[k % len(every)], units, seed + k) for k in range(repetitions)]
     wins: Floats = np.mean(of_each, axis=0)
     picked = float(wins[np.arange(len(real)), np.arange(len(real))].mean()) if paired else float(wins.mean())
     single = {name: float(_wins(real[:, i], made[:, :, i]).mean()) for i, name in enumerate(names)}
     farthest = sorted(single, key=lambda name: -abs(single[name] - 0.5))[:5]
     return TwoSample(
         float(wins.mean()),
-        _interval(wins, clips, seed),
+        _interval(wins, units, seed),
         float(np.std([own.mean() for own in of_each])),
         picked,
         {name: single[name] for name in farthest},
     )
 
 
-def _once(real: Floats, made: Floats, clips: tuple[NDArray[np.object_], NDArray[np.object_]], seed: int) -> Floats:
+def _once(real: Floats, made: Floats, units: Labels, seed: int) -> Floats:
     """Return how often each recording gets a higher score than each simulation, float64[n, m].
 
     :param real: float64[n, F] features; made: float64[m, K, F].
@@ -74,7 +75,7 @@ def _once(real: Floats, made: Floats, clips: tuple[NDArray[np.object_], NDArray[
     x = np.concatenate([real, made.reshape(-1, made.shape[2])])
     y = np.concatenate([np.ones(len(real)), np.zeros(made.shape[0] * draws)])
     weight = np.where(y == 1.0, 1.0, 1.0 / draws)
-    owner = np.concatenate([clips[0], np.repeat(clips[1], draws)]).astype(str)
+    owner = np.concatenate([units[0], np.repeat(units[1], draws)]).astype(str)
     scores = _held_out_scores(x, y, weight, owner, seed)
     return _wins(scores[: len(real)], scores[len(real) :].reshape(-1, draws))
 
@@ -98,7 +99,7 @@ def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str
 
     count = min(FOLDS, len(np.unique(owner[y == 1.0])))
     if count < 2:
-        raise InvalidInput("two-sample test: expected recordings of two clips or more; give more recordings")
+        raise InvalidInput("two-sample test: expected recordings of two clips or vehicles, got one; give more")
     scores = np.zeros(len(y))
     folds = StratifiedGroupKFold(count, shuffle=True, random_state=seed)
     for training, held in folds.split(x, y, owner):
@@ -110,9 +111,9 @@ def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str
     return scores
 
 
-def _interval(wins: Floats, clips: tuple[NDArray[np.object_], NDArray[np.object_]], seed: int) -> tuple[float, float]:
-    """Return the 95% interval of the mean of wins [n, m], clips of both sides resampled together."""
-    names, owner = np.unique(np.concatenate(clips).astype(str), return_inverse=True)
+def _interval(wins: Floats, units: Labels, seed: int) -> tuple[float, float]:
+    """Return the 95% interval of the mean of wins [n, m], units of both sides resampled together."""
+    names, owner = np.unique(np.concatenate(units), return_inverse=True)
     sides = [np.eye(len(names))[part] for part in (owner[: len(wins)], owner[len(wins) :])]
     drawn = cluster_counts(np.arange(len(names)), seed)
     sums = np.einsum("rc,cd,rd->r", drawn, sides[0].T @ wins @ sides[1], drawn)

@@ -92,7 +92,7 @@ def by_bins(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, list[dict
     groups or interactions, as `comparison.describe` does; a share of 0 or 1, which no resample changes, has Wilson's.
 
     :param encounters: at least one row of `comparison.SCHEMA`.
-    :param clustered: resample groups (clips) rather than interactions.
+    :param clustered: resample the column `group` rather than interactions.
     """
     draws = np.stack(list(weights(encounters, clustered)))
     found: dict[str, list[dict[str, Any]]] = {}

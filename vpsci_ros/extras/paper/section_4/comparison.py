@@ -1,7 +1,7 @@
 """Similarity of generated and recorded interactions, in numbers with intervals (section 4.3).
 
-The unit of sampling is the clip for recorded near misses, whose interactions share vehicles and pedestrians, and the
-episode for generated ones; intervals resample these. The paper tests the difference of the two distributions by
+The unit of sampling is the clip for recorded near misses (the group where clips are few: `statistics.units_of`), and
+the episode for generated ones; intervals resample these. The paper tests the difference of the two distributions by
 Kolmogorov and Smirnov, as if all interactions were independent; recorded ones are not, so no p-value is given here.
 What says more is what D comes to between two halves of the recorded clips: the same people differ by that much.
 """
@@ -30,7 +30,7 @@ def describe(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, Any]:
     Keys: interactions, groups; least_curvttc, its quartiles [s] as a list of three; and the shares `SHARES`.
 
     :param encounters: at least one row of `vpsci_ros.extras.paper.section_4.encounters.SCHEMA`.
-    :param clustered: resample groups (clips) rather than interactions.
+    :param clustered: resample the column `group` rather than interactions.
     """
     table = encounters.sort("least_curvttc")
     least = table["least_curvttc"].to_numpy()

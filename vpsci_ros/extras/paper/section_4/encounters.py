@@ -10,6 +10,7 @@ import polars as pl
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, batches, yields
 from vpsci_ros.data.recorded import recorded_episodes
+from vpsci_ros.evaluation.statistics import Units, units_of
 from vpsci_ros.extras.paper.section_4.comparison import Floats
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC
 from vpsci_ros.safety.episodes import onset
@@ -18,7 +19,7 @@ from vpsci_ros.safety.yielding import Yielded
 ACCELERATION_OVER = 0.2  # [s] before the onset, or after it where nothing was seen before
 
 SCHEMA = {
-    "group": pl.String,  # scenario, or clip: what interactions share agents or a place with
+    "group": pl.String,  # scenario, or what intervals of recorded near misses resample
     "onset_curvttc": pl.Float64,  # [s]
     "least_curvttc": pl.Float64,  # [s]
     "distance": pl.Float64,  # [m] between the centres at the onset
@@ -48,8 +49,16 @@ def recorded_encounters(near_misses: pl.DataFrame) -> pl.DataFrame:
     """
     parts = near_misses.partition_by("interaction", maintain_order=True)
     causal = (part["curvttc_causal"].to_numpy() for part in parts)
-    pairs = zip(recorded_episodes(near_misses), causal, strict=True)
-    return pl.DataFrame([row for pair, known in pairs for row in _rows([pair], known)], schema=SCHEMA)
+    pairs = zip(recorded_episodes(near_misses), causal, units_in(near_misses).labels, strict=True)
+    rows = [row | {"group": str(unit)} for pair, known, unit in pairs for row in _rows([pair], known)]
+    return pl.DataFrame(rows, schema=SCHEMA)
+
+
+def units_in(near_misses: pl.DataFrame) -> Units:
+    """Return what intervals of the interactions of a near-miss table resample, see `statistics.units_of`."""
+    first = near_misses.unique("interaction", keep="first", maintain_order=True)
+    clips = first.select(pl.concat_str("source", "clip", separator="/")).to_series()
+    return units_of(clips.to_numpy(), first["group"].to_numpy())
 
 
 def _rows(pairs: Sequence[Episode], causal: Floats | None = None) -> Iterator[dict[str, Any]]:

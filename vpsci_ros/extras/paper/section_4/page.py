@@ -15,7 +15,7 @@ from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, by_bins
 from vpsci_ros.extras.paper.section_4.comparison import SHARES, between_halves, describe, distance_between
-from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters, units_in
 from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding
 from vpsci_ros.extras.paper.section_4.table import markdown, rows_of
 from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
@@ -30,7 +30,7 @@ GENERATED, RECORDED, CLEAN, BESIDE = "generated", "recorded", "recorded_clean", 
 TITLES = {
     GENERATED: "generated",
     BESIDE: "the other dataset",
-    RECORDED: "recorded people",
+    RECORDED: "recorded",
     CLEAN: "of them, with an onset and a car that drives",
 }
 _COUNTS = ("number", "simulated", "kept", "vehicle_km", "pedestrian_km")
@@ -48,7 +48,7 @@ def write_report(
     """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
 
     :param folder: of `vpsci generate`.
-    :param near_misses: recorded people to compare with, see `read_near_misses`.
+    :param near_misses: recorded ones to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     :param notify: called with what is being done.
@@ -58,23 +58,25 @@ def write_report(
     data, titles = Dataset(folder), dict(TITLES)
     other = None if beside is None else Dataset(beside)
     sources = {GENERATED: generated_encounters(data)}
+    tables: dict[str, pl.DataFrame] = {}  # recorded near misses, by source
     if other is not None:
         sources[BESIDE] = generated_encounters(other)
     if near_misses is not None:
         recorded = read_near_misses(near_misses)
-        sources[RECORDED] = recorded_encounters(recorded)
+        tables[RECORDED] = recorded
         if (cleaned := clean(recorded)).height:
-            sources[CLEAN] = recorded_encounters(cleaned)
+            tables[CLEAN] = cleaned
         if recorded["source"].n_unique() > 1:
             for name in recorded["source"].unique().sort():
                 titles[f"{RECORDED}_{name}"] = f"of them, {name}"
-                sources[f"{RECORDED}_{name}"] = recorded_encounters(recorded.filter(pl.col("source") == name))
+                tables[f"{RECORDED}_{name}"] = recorded.filter(pl.col("source") == name)
+    sources |= {name: recorded_encounters(table) for name, table in tables.items()}
     for name, table in sources.items():
         if not table.height:
             raise InvalidInput(f"{titles[name]}: no interaction with CurvTTC of 5 s or less; nothing to report")
     output.mkdir(parents=True, exist_ok=True)
     notify("resampling")
-    report = _numbers(data, sources)
+    report = _numbers(data, sources, {name: units_in(table).name for name, table in tables.items()})
     report["critical_shares"] = {} if near_misses is None else critical_shares(near_misses)
     report["inputs"] = _inputs(data, near_misses, other)
     notify("drawing")
@@ -130,11 +132,15 @@ def _heads(folders: Mapping[str, Path]) -> dict[str, str]:
     return names if len(set(names.values())) == len(names) else {key: str(path) for key, path in folders.items()}
 
 
-def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame]) -> dict[str, Any]:
+def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame], units: Mapping[str, str]) -> dict[str, Any]:
+    """Return the report's numbers; `units`: what intervals of recorded sources resample, clips or groups."""
     report: dict[str, Any] = {
         "scenarios": {name: {key: row[key] for key in _COUNTS} for name, row in data.scenarios.items()},
-        "sources": {name: describe(table, clustered=name.startswith(RECORDED)) for name, table in sources.items()},
-        "bins": {name: by_bins(table, clustered=name.startswith(RECORDED)) for name, table in sources.items()},
+        "sources": {
+            name: describe(table, clustered=name in units) | {"units": units.get(name, "episodes")}
+            for name, table in sources.items()
+        },
+        "bins": {name: by_bins(table, clustered=name in units) for name, table in sources.items()},
         "distance": {},
     }
     if RECORDED in sources:

@@ -1,8 +1,9 @@
 """`vpsci safety compare`: how often each safety measure detects the others' conflicts, and how much earlier.
 
 Every measure flags an interaction as a conflict at the first step at which it passes its threshold. Interactions of one
-clip share agents and traffic, so the intervals come from resampling whole clips. The interactions were selected by
-CurvTTC: what another measure sees outside of them is not in the table, and no share here is a detection rate.
+clip share agents and traffic, so the intervals resample clips, or groups where these are few. The interactions were
+selected by CurvTTC: what another measure sees outside of them is not in the table, and no share here is a detection
+rate.
 """
 
 import itertools
@@ -19,7 +20,7 @@ from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.data.reference import around_critical
-from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, units_of
 from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.safety import (
     CONFLICT_TTC,
@@ -45,18 +46,18 @@ THRESHOLDS = (
 )
 
 
-def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], NDArray[np.int64]]:
-    """Return each measure's first flag in each interaction, whether PET is defined, and the clips.
+def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], Units]:
+    """Return each measure's first flag in each interaction, whether PET is defined, and the units of resampling.
 
     :param table: a near-miss table. Vehicles have the size of their source, else the default size.
     :returns: float64[N, len(MEASURES)], time since the interaction's first row [s], infinity where never; bool[N]; and
-        int64[N], clips numbered from 0. PET's time is that of the second agent's arrival.
+        the units of the N interactions. PET's time is that of the second agent's arrival.
     """
     parts = around_critical(table).partition_by("interaction", maintain_order=True)
     found = [_flags(part) for part in parts]
-    keys = pl.Series([f"{part['source'][0]}/{part['clip'][0]}" for part in parts])
+    clips = np.array([f"{part['source'][0]}/{part['clip'][0]}" for part in parts])
     times, defined = np.stack([times for times, _ in found]), np.array([defined for _, defined in found])
-    return times, defined, keys.rank("dense").cast(pl.Int64).to_numpy() - 1
+    return times, defined, units_of(clips, np.array([part["group"][0] for part in parts]))
 
 
 def _flags(part: pl.DataFrame) -> tuple[Floats, bool]:
@@ -90,18 +91,18 @@ def _flags(part: pl.DataFrame) -> tuple[Floats, bool]:
 class Agreement:
     """Detection of each other's conflicts by M measures, all in the order of `MEASURES`.
 
-    :ivar interactions, clips: in the table.
+    :ivar interactions: in the table; units: their clips or groups, as in "46 clips".
     :ivar pet_defined: interactions whose paths cross within the rows of the table.
     :ivar conflicts: int[M], interactions that each measure flags.
     :ivar both: int[M, M], interactions that row and column flag.
     :ivar share: float64[M, M], part of the column's conflicts that the row flags as well; NaN without any.
     :ivar lead: float64[M, M], median time [s] by which the row flags earlier than the column, where both flag.
-    :ivar share_interval: float64[M, 2, 2], 95% over resampled clips of `share[0]` and of `share[:, 0]`.
-    :ivar lead_interval: float64[M, 2], 95% over resampled clips of `lead[0]`.
+    :ivar share_interval: float64[M, 2, 2], 95% over resampled units of `share[0]` and of `share[:, 0]`.
+    :ivar lead_interval: float64[M, 2], 95% over resampled units of `lead[0]`.
     """
 
     interactions: int
-    clips: int
+    units: str
     pet_defined: int
     conflicts: NDArray[np.int64]
     both: NDArray[np.int64]
@@ -116,12 +117,12 @@ def agreement(table: pl.DataFrame) -> Agreement:
 
     :param table: columns of `vpsci_ros.data.near_misses.NEAR_MISS_COLUMNS`.
     """
-    times, pet_defined, clip = first_flags(table)
+    times, pet_defined, units = first_flags(table)
     flagged, count = np.isfinite(times), len(MEASURES)
-    clips = int(clip.max()) + 1
-    per_clip = np.stack([flagged[clip == c].T.astype(float) @ flagged[clip == c] for c in range(clips)])
-    drawn = cluster_counts(np.arange(clips), 0, RESAMPLES)
-    shares = _share(np.einsum("rc,cij->rij", drawn, per_clip))
+    names, unit = np.unique(units.labels, return_inverse=True)
+    per_unit = np.stack([flagged[unit == u].T.astype(float) @ flagged[unit == u] for u in range(len(names))])
+    drawn = cluster_counts(np.arange(len(names)), 0, RESAMPLES)
+    shares = _share(np.einsum("rc,cij->rij", drawn, per_unit))
     lead, lead_interval = np.full((count, count), np.nan), np.full((count, 2), np.nan)
     for i, j in itertools.permutations(range(count), 2):
         pair = flagged[:, i] & flagged[:, j]
@@ -129,11 +130,11 @@ def agreement(table: pl.DataFrame) -> Agreement:
             earlier = times[pair, j] - times[pair, i]
             lead[i, j] = np.median(earlier)
             if i == 0:
-                lead_interval[j] = interval(_weighted_medians(earlier, drawn[:, clip[pair]]))
-    both = per_clip.sum(axis=0)
+                lead_interval[j] = interval(_weighted_medians(earlier, drawn[:, unit[pair]]))
+    both = per_unit.sum(axis=0)
     return Agreement(
         interactions=len(times),
-        clips=clips,
+        units=units.text,
         pet_defined=int(pet_defined.sum()),
         conflicts=flagged.sum(axis=0),
         both=both.astype(np.int64),
@@ -152,7 +153,7 @@ def compare(path: str | Path, console: Console | None = None) -> None:
     result = agreement(read_near_misses(path))
     console = console or Console()
     console.print(
-        f"{result.interactions} interactions of {result.clips} clips, selected by CurvTTC < 5 s. "
+        f"{result.interactions} interactions of {result.units}, selected by CurvTTC < 5 s. "
         f"A measure flags a conflict at: {THRESHOLDS}."
     )
     console.print(
@@ -163,7 +164,7 @@ def compare(path: str | Path, console: Console | None = None) -> None:
     )
     console.print(_beside_curvttc(result))
     console.print(
-        f"Intervals: whole clips resampled. PET is known only when the second agent arrives; the paths of "
+        f"Intervals: {result.units} resampled. PET is known only when the second agent arrives; the paths of "
         f"{result.pet_defined} of the {result.interactions} interactions cross within the rows of the table."
     )
 

@@ -69,8 +69,8 @@ def cross_validate(
 
     The layout is that of `errors.evaluate`, with the model `pretrained` and, if there is a refinement, `refined`: their
     errors are those of all interactions, each by the fold's policies that have not learned from its clip. `folds` adds
-    the fold's own n, clips and closed-loop ADE as a share of `repeat_velocity`'s, by model. The intervals resample
-    clips and do not hold how much a training's seed matters.
+    the fold's own n, clips and closed-loop ADE as a share of `repeat_velocity`'s, by model. The intervals do not hold
+    how much a training's seed matters.
 
     :param seed: of folds and trainings of stage 1.
     :param refinement: stage 2; None: stage 1 alone.

@@ -54,7 +54,7 @@ def compare_models(
     classifier; of the first seed), with `hybrid` `world` (`shares_of_ends`; of the control `constant_velocity`, too),
     with `factors` `trials` (what `try_steps` found in each fold), and, where `ma_sst_ddpg` is among the models, its ADE
     by protocol and its energy score as shares of that model's,
-    with 95% intervals by clips. A training that is stopped begins again; finished ones are kept. One by
+    with 95% intervals. A training that is stopped begins again; finished ones are kept. One by
     reinforcement in simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
 
     :param models: of `vpsci_ros.policy.models.MODELS`.

@@ -1,4 +1,4 @@
-"""Each row of Table 9 on held-out clips, pooled over folds and seeds, with intervals by clips."""
+"""Each row of Table 9 on held-out clips, pooled over folds and seeds, with intervals by `statistics.units_of`."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
 from vpsci_ros.evaluation.roll_out_scores import energy_score, min_ade
 from vpsci_ros.evaluation.simulators import rolled_out
-from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
+from vpsci_ros.evaluation.statistics import cluster_counts, interval, share, units_of
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
@@ -127,6 +127,7 @@ class Measuring:
         """Return the layout of `model_comparison.compare_models`."""
         errors = {name: pooled([_mean(fold) for fold in row.errors]) for name, row in rows.items()}
         result = compare(errors, self._together, self._seed)
+        units = units_of(self._together.clip, self._together.group)
         for name, row in rows.items():
             of = result["models"][name]
             of["parameters"] = row.parameters
@@ -137,7 +138,7 @@ class Measuring:
             if REFERENCE in errors:
                 for protocol, values in errors[name].items():
                     reference = errors[REFERENCE][protocol]
-                    of[protocol][f"share_of_{REFERENCE}"] = share_of(values, reference, self._together.clip, self._seed)
+                    of[protocol][f"share_of_{REFERENCE}"] = share_of(values, reference, units, self._seed)
         if self._onsets is not None:
             self._add_people(rows, result["models"])
         return result
@@ -145,7 +146,7 @@ class Measuring:
     def _add_people(self, rows: Mapping[str, Pooled], models: dict[str, Any]) -> None:
         onsets = self._onsets
         assert onsets is not None
-        draws = cluster_counts(onsets.clip.astype(str), self._seed)
+        draws = cluster_counts(onsets.units.labels, self._seed)
         positions = {name: np.concatenate(row.positions) for name, row in rows.items()}
         energies = {name: energy_score(own, onsets.recorded) for name, own in positions.items()}
         for name, own in positions.items():
@@ -159,7 +160,8 @@ class Measuring:
         """Return a subset of what `SameStart.measure` returns, with the classifier's test once instead of ten times."""
         made = features(with_borrowed_noise(positions, onsets, self._seed), onsets)
         real = {name: value[:, 0] for name, value in features(onsets.recorded[:, None], onsets).items()}
-        test = two_sample(real, [made], (onsets.clip, onsets.clip), self._seed, repetitions=1)
+        units = onsets.units.labels
+        test = two_sample(real, [made], (units, units), self._seed, repetitions=1)
         likely, size = likelihoods(positions, onsets)["all"], draws.sum(axis=1)
         return {
             "roll_outs": positions.shape[1],

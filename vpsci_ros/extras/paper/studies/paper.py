@@ -73,7 +73,7 @@ def write_paper(
     """Write paper.html, paper.json and figure_N.png into `output`; return missing parts: name -> command.
 
     :param dataset: of `vpsci generate` or `vpsci published`.
-    :param near_misses: recorded people, see `read_near_misses`.
+    :param near_misses: recorded ones, see `read_near_misses`.
     :param rules: a dataset of the rule-based pair.
     :param runs: folders of finished runs of the commands in `RUNS`.
     :raises InvalidInput: an input cannot be read, or a folder of `runs` holds nothing that this page shows.
@@ -83,7 +83,7 @@ def write_paper(
     notify("reading")
     data = Dataset(dataset)
     generated = {"generated": generated_encounters(data)}
-    recorded = {} if near_misses is None else {"recorded people": recorded_encounters(read_near_misses(near_misses))}
+    recorded = {} if near_misses is None else {"recorded": recorded_encounters(read_near_misses(near_misses))}
     rule_based = {} if rules is None else {"rule-based pair": generated_encounters(Dataset(rules))}
     for name, table in (generated | recorded | rule_based).items():
         if not table.height:
@@ -109,7 +109,7 @@ def write_paper(
     numbers = {"dataset": str(dataset), "scenarios": data.scenarios, **tables}
     write_text(output / NUMBERS, json.dumps(numbers, indent=1) + "\n")
     missing = {name: command for name, command in RUNS.values() if name not in found}
-    missing |= {} if recorded else {"recorded people in figures 8 and 9": "--near-misses right_turns"}
+    missing |= {} if recorded else {"recorded near misses in figures 8 and 9": "--near-misses right_turns"}
     missing |= {} if rule_based else {"the rule-based pair in figures 11 to 13": "--rules DIR"}
     html.write_page(
         output / PAGE,

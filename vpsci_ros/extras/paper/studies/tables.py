@@ -92,7 +92,7 @@ def print_table_9(result: dict[str, Any], console: Console) -> None:
     console.print(
         "+: hybrid learning. ..ddpg: by reinforcement, "
         "the others by supervision. The control is repeat_velocity; constant_velocity_tracked starts its "
-        "closed loop as the models do. Intervals: 95%, clips resampled, "
+        f"closed loop as the models do. Intervals: 95%, {result['units']} resampled, "
         f"{result.get('seeds', 1)} training(s) a fold. The paper's ADE is of its own data. "
         "The other columns: models.md.",
         highlight=False,
