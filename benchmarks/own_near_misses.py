@@ -7,8 +7,9 @@ Two places, each once with near misses of its own and the other one as the shipp
 A draw takes clips of a place in a random order until there are N near misses with 3 s recorded after their onset. Its
 bank is made by `vpsci people` with and without `--with` the other place, and is scored on the clips of the place that
 the shipped bank has left out. Printed: the energy score as a share of constant velocity's, the mean over the draws,
-with 95% intervals by scored clips, and the least and the greatest draw; `paired` divides by the shipped source alone.
-First, choosing the source by nearness of the onset is held against choosing it by its name.
+with 95% intervals by the clips that are scored, and the least and the greatest draw; `paired` divides by the shipped
+source alone. First, choosing the source by nearness of the onset is compared with choosing it by its name. Two CPU
+minutes.
 """
 
 import argparse
@@ -26,11 +27,11 @@ from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import policy, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.extras.paper.realism.controls import residual_sampler
-from vpsci_ros.policy.bank import Bank, describe, moments_of
+from vpsci_ros.policy.bank import Bank, describe, situations_of
 from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables
 from vpsci_ros.policy.policy_file import load_policy
 
-NEAR = 16  # moments by which sources are compared
+NEAR = 16  # situations by which sources are compared
 ROLL_OUTS = 8  # an onset; the energy score does not depend on how many, only its noise does
 
 Floats = NDArray[np.float64]
@@ -54,7 +55,7 @@ def drawn(table: pl.DataFrame, count: int, seed: int) -> pl.DataFrame:
 
 
 def counted_as(bank: Bank, apart: float) -> Bank:
-    """Return a bank whose moments of the other place count as `apart` standard deviations further away."""
+    """Return a bank whose situations of the other place count as `apart` standard deviations further away."""
     made = {name: own._replace(far=np.where(own.far > 0.0, apart**2, 0.0)) for name, own in bank.reactions.items()}
     return Bank(made, bank.facts)
 
@@ -72,7 +73,7 @@ class Place:
         self.onsets = find_onsets(scored)
         self.middle = tracked(self.onsets)
         self._control = energy_score(self.middle, self.onsets.recorded)
-        self._draws = cluster_counts(self.onsets.clip.astype(str), 0)
+        self._draws = cluster_counts(self.onsets.units.labels, 0)
 
     def by_bank(self, bank: Bank, seed: int, people: str = "") -> Floats:
         """Return the energy score of each onset, float64[n] [m], where this bank acts."""
@@ -98,7 +99,7 @@ class Place:
 
 def measure(here: Place, there: Place, counts: Sequence[int], aparts: Sequence[float], draws: int) -> None:
     """Print the table of one place, `here`, with the other one as the shipped source."""
-    print(f"{here.name}: {len(here.onsets)} onsets of {len(set(here.onsets.clip))} clips, shipped: {there.name}")
+    print(f"{here.name}: {len(here.onsets)} onsets of {here.onsets.units.text}, shipped: {there.name}")
     with tempfile.TemporaryDirectory() as name:
         mine, theirs = Path(name) / "mine.parquet", Path(name) / "theirs.parquet"
         write_near_misses(there.own, theirs)
@@ -121,13 +122,13 @@ def measure(here: Place, there: Place, counts: Sequence[int], aparts: Sequence[f
 
 
 def nearer_source(bank: Bank, onsets: Onsets) -> NDArray[np.str_]:
-    """Return the source of a bank whose `NEAR` moments most like each onset are nearest on average, str[n].
+    """Return the source of a bank whose `NEAR` situations most like each onset are nearest on average, str[n].
 
     Features are compared in the mean of the sources' standard deviations.
     """
     rows, first = np.arange(len(onsets)), onsets.interactions.first
     trends = (trend[rows, first] for trend in onsets.interactions.trends())
-    seen, _ = describe(moments_of(onsets.interactions.observation["vehicle"][rows, first], *trends))
+    seen, _ = describe(situations_of(onsets.interactions.observation["vehicle"][rows, first], *trends))
     scale = np.mean([own.scale for own in bank.reactions.values()], axis=0)
     gaps = []
     for own in bank.reactions.values():

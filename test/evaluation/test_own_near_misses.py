@@ -1,4 +1,4 @@
-"""`benchmarks/own_near_misses.py`: what a draw of a place's own near misses holds, and whose moments are nearer."""
+"""`benchmarks/own_near_misses.py`: what a draw of a place's own near misses holds, and which source is nearer."""
 
 import importlib.util
 from pathlib import Path

@@ -102,7 +102,7 @@ def test_what_raises_loses_its_episode_and_no_other_and_the_report_says_where(
     way = "if (self.begin.scenario.number, self.begin.episode) == (104, 1):"
     driver = module(mine(f"{way}\n      raise RuntimeError('no plan')\n    return 1.0"))
     failures = run_exam(small_exam(driver), tmp_path / "exam", quiet=True)
-    first = "nobody there: the ADS did not drive 104:1 to the end: at 0.00 s RuntimeError: no plan (log: "
+    first = "empty road: the ADS did not drive 104:1 to the end: at 0.00 s RuntimeError: no plan (log: "
     assert failures[0].startswith(first)
     table = pl.read_parquet(tmp_path / "exam" / "episodes.parquet")
     assert table["pedestrian"].value_counts().sort("pedestrian").rows() == [("alone", 3), ("learned", 3), ("walker", 3)]

@@ -48,7 +48,7 @@ def called(program: str) -> set[str]:
 def test_episodes_with_policies_call_no_kernel_that_was_not_compiled_beforehand():
     beforehand = called("from vpsci_ros.policy.compiling import PARTS\nfor part in PARTS.values():\n    part()")
     later = {kernel for kernel in called(EPISODE) if ".tick._all_finite " not in kernel}  # a fifth of a second
-    for name in ("engine.move_one", "choice.lend", "streaming_kernels.step_slots"):
+    for name in ("engine.move_one", "choice.act", "streaming_kernels.step_slots"):
         assert any(f".{name} " in kernel for kernel in later)
     assert later - beforehand == set()
 

@@ -1,4 +1,4 @@
-"""Recorded people: one of the most like moments is lent to both agents, chosen so that they do not touch."""
+"""Banks: both agents act by the reaction of one of the most similar situations, chosen so that they do not touch."""
 
 from pathlib import Path
 
@@ -15,8 +15,8 @@ from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.bank import (
     ACTIONS,
     FEATURES,
-    MOMENT,
     SECONDS,
+    SITUATION,
     Bank,
     Reactions,
     bank_from_bytes,
@@ -24,7 +24,7 @@ from vpsci_ros.policy.bank import (
     describe,
     save_bank,
 )
-from vpsci_ros.policy.choice import CLOSE, FASTER, NEAREST, Lender
+from vpsci_ros.policy.choice import CLOSE, FASTER, NEAREST, ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.make_bank import FEW, FOREIGN, LEAST, actions_of, bank_of_tables, fitted, reactions_of
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
@@ -39,7 +39,7 @@ MEETS = np.array([[5.0, 0.0, 0.0, 10.0, -2.0, 0.0, 1.0]])  # both at the same pl
 
 
 def reactions(count: int = 80, length: int = 35, vehicle: float = 0.0) -> Reactions:
-    """Moment k is `APART` at a pace more by k; its vehicle does `vehicle`, steers k / 1000, its walker does 0.01 k."""
+    """Situation k: `APART` at a pace more by k; the vehicle does `vehicle`, steers k / 1000, the walker does 0.01 k."""
     features = np.repeat(describe(APART)[0], count, axis=0)
     features[:, 1] += np.arange(count)
     steps = np.zeros((count, length, ACTIONS))
@@ -53,15 +53,16 @@ def reactions(count: int = 80, length: int = 35, vehicle: float = 0.0) -> Reacti
     )  # fmt: skip
 
 
-def lent(own: Reactions, agent: int, moment: np.ndarray, count: int, steps: int = 1, seed: int = 7) -> np.ndarray:
-    """What `count` slots do at the same moment, float64[steps, count, 2]."""
-    lender, every, moments = Lender(own, agent, count, False), np.ones(count, bool), np.repeat(moment, count, axis=0)
+def acted(own: Reactions, agent: int, situation: np.ndarray, count: int, steps: int = 1, seed: int = 7) -> np.ndarray:
+    """What `count` slots do in the same situation, float64[steps, count, 2]."""
+    replay, every = ReactionReplay(own, agent, count, False), np.ones(count, bool)
+    situations = np.repeat(situation, count, axis=0)
     return np.stack(
-        [lender.step(moments, keys(count, seed, 0, np.arange(count)), every & (k == 0), every) for k in range(steps)]
+        [replay.step(situations, keys(count, seed, 0, np.arange(count)), every & (k == 0), every) for k in range(steps)]
     )
 
 
-def test_a_moment_and_its_mirror_image_are_alike_and_know_their_sides() -> None:
+def test_a_situation_and_its_mirror_image_are_alike_and_know_their_sides() -> None:
     mirrored = APART * np.array([1, 1, -1, 1, -1, 1, -1])
     features, side = describe(np.concatenate([APART, mirrored]))
     assert features[0].tobytes() == features[1].tobytes()
@@ -69,8 +70,8 @@ def test_a_moment_and_its_mirror_image_are_alike_and_know_their_sides() -> None:
     np.testing.assert_allclose(features[0], [2.0, np.hypot(0.1, 0.5), 6.0, 9.0, 0.1, 0.5, -0.5, 0.1])
 
 
-def test_each_of_the_nearest_moments_is_lent_as_often_and_no_other() -> None:
-    number = np.round(lent(reactions(), 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
+def test_each_of_the_nearest_situations_is_chosen_as_often_and_no_other() -> None:
+    number = np.round(acted(reactions(), 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
     counts = np.bincount(number, minlength=80)
     assert (counts[NEAREST:] == 0).all()
     assert counts[:NEAREST].min() > 4000 / NEAREST - 5 * np.sqrt(4000 / NEAREST)
@@ -78,16 +79,16 @@ def test_each_of_the_nearest_moments_is_lent_as_often_and_no_other() -> None:
 
 def test_left_and_right_are_exchanged_where_the_pedestrian_is_on_the_other_side() -> None:
     mirrored = APART * np.array([1, 1, -1, 1, -1, 1, -1])
-    left, right = lent(reactions(), 0, APART, 50)[0], lent(reactions(), 0, mirrored, 50)[0]
+    left, right = acted(reactions(), 0, APART, 50)[0], acted(reactions(), 0, mirrored, 50)[0]
     np.testing.assert_array_equal(left * [1, -1], right)
 
 
-def test_a_reaction_is_lent_whole_and_another_one_follows_it() -> None:
-    lender, every, moments, along = Lender(reactions(length=35), 1, 200, False), np.ones(200, bool), None, []
-    moments = np.repeat(APART, 200, axis=0)
+def test_a_reaction_is_replayed_whole_and_another_one_follows_it() -> None:
+    replay, every, along = ReactionReplay(reactions(length=35), 1, 200, False), np.ones(200, bool), []
+    situations = np.repeat(APART, 200, axis=0)
     for frame in range(40):
         key = keys(200, 7, 0, np.arange(200), frame=frame)
-        along.append(lender.step(moments, key, every & (frame == 0), every)[:, 0])
+        along.append(replay.step(situations, key, every & (frame == 0), every)[:, 0])
     first, second = np.array(along[:35]), np.array(along[35:])
     assert (first == first[0]).all()
     assert (second == second[0]).all()
@@ -100,14 +101,14 @@ def test_the_one_reaction_that_does_not_touch_is_chosen() -> None:
     steps[:, :, :] = 0.0
     steps[17, :, 0] = -4.0 / FASTER  # brakes: 5 m/s is gone after 3.1 m, which leaves 4 m to the pedestrian's line
     own = own._replace(steps=steps.reshape(-1, ACTIONS))
-    np.testing.assert_allclose(lent(own, 0, MEETS, 200)[0, :, 0], -4.0)
+    np.testing.assert_allclose(acted(own, 0, MEETS, 200)[0, :, 0], -4.0)
 
 
 @pytest.mark.parametrize(
     ("speed", "acceleration", "sideways"),
     [(4.0, -1.0, 1.6), (6.0, -1.5, 1.6), (3.0, -0.75, 1.6), (8.0, -1.5, 0.1 / 1.5**2 * 64.0)],
 )
-def test_accelerations_are_lent_relative_to_speed_up_to_a_factor(
+def test_accelerations_are_replayed_relative_to_speed_up_to_a_factor(
     speed: float, acceleration: float, sideways: float
 ) -> None:
     # Recorded at 4 m/s: -1 m/s2 and 0.1 1/m, that is 1.6 m/s2 sideways. At 8 m/s the factor is 1.5, not 2.
@@ -115,13 +116,13 @@ def test_accelerations_are_lent_relative_to_speed_up_to_a_factor(
     recorded[0, 0], now[0, 0] = 4.0, speed
     steps = np.repeat([[-1.0, 0.1, 0.3, 0.2]], 35, axis=0)
     one = reactions(1)._replace(features=describe(recorded)[0].T.copy(), steps=steps)
-    np.testing.assert_allclose(lent(one, 0, now, 1)[0, 0], [acceleration, sideways])
-    np.testing.assert_allclose(lent(one, 1, now, 1)[0, 0], [0.3, 0.2])
+    np.testing.assert_allclose(acted(one, 0, now, 1)[0, 0], [acceleration, sideways])
+    np.testing.assert_allclose(acted(one, 1, now, 1)[0, 0], [0.3, 0.2])
 
 
 def test_an_onset_lies_beyond_the_range_where_one_of_four_does() -> None:
     # Speeds 0 to 10 m/s, 5 m ahead, walking 1 m/s straight across: quantiles of 0.25 and 9.75 m/s, 5 m, 1 m/s, 90 deg.
-    seen = np.zeros((101, MOMENT))
+    seen = np.zeros((101, SITUATION))
     seen[:, 0], seen[:, 3], seen[:, 6] = np.linspace(0.0, 10.0, 101), 5.0, 1.0
     reach = range_of(onsets_of(seen))
     np.testing.assert_allclose(reach[:, [0, 2, 4]], [[0.25, 5.0, 9.75], [5.0] * 3, [1.0] * 3, [90.0] * 3])
@@ -136,8 +137,8 @@ def test_an_onset_of_the_map_frame_is_that_of_the_moment() -> None:
     c, s = np.cos(heading), np.sin(heading)
     turn = np.array([[c, -s], [s, c]])
     walk, velocity = turn @ [0.5, -1.2], 6.0 * np.array([c, s])
-    moment = np.array([[6.0, 0.0, 0.0, *(turn.T @ place), 0.5, -1.2]])
-    one, other = onsets_of(moment), onsets_in(np.zeros((1, 2)), velocity[None], place[None], walk[None])
+    situation = np.array([[6.0, 0.0, 0.0, *(turn.T @ place), 0.5, -1.2]])
+    one, other = onsets_of(situation), onsets_in(np.zeros((1, 2)), velocity[None], place[None], walk[None])
     np.testing.assert_allclose(one, [[6.0, 5.0, 1.3, np.degrees(np.arctan2(1.2, 0.5))]])
     np.testing.assert_allclose(one, other)
 
@@ -148,7 +149,7 @@ def test_a_bank_of_the_format_before_is_refused_in_words() -> None:
         policy_from_bytes(old, "mine")
 
 
-def test_who_meets_a_car_that_does_not_brake_as_lent_takes_it_to_keep_its_velocity() -> None:
+def test_a_car_that_does_not_brake_as_chosen_is_assumed_to_keep_its_velocity() -> None:
     # In all reactions the vehicle brakes; in one the pedestrian stops, too. The car that is met does not brake.
     own = reactions(count=32)
     steps = np.zeros((32, 35, ACTIONS))
@@ -156,11 +157,11 @@ def test_who_meets_a_car_that_does_not_brake_as_lent_takes_it_to_keep_its_veloci
     steps[9, :, 3] = 2.0  # to the left, recorded with the pedestrian on the left; here it is on the right
     own = own._replace(steps=steps.reshape(-1, ACTIONS))
     count, stops = 64, []
-    lender, every = Lender(own, 1, count, False), np.ones(count, bool)
+    replay, every = ReactionReplay(own, 1, count, False), np.ones(count, bool)
     for frame in range(8):
-        moment = MEETS + np.array([0, 0, 0, -0.5, 0.1, 0, 0]) * frame
-        done = lender.step(
-            np.repeat(moment, count, axis=0),
+        situation = MEETS + np.array([0, 0, 0, -0.5, 0.1, 0, 0]) * frame
+        done = replay.step(
+            np.repeat(situation, count, axis=0),
             keys(count, 7, 0, np.arange(count), frame=frame),
             every & (frame == 0),
             every,
@@ -172,11 +173,11 @@ def test_who_meets_a_car_that_does_not_brake_as_lent_takes_it_to_keep_its_veloci
 
 def test_a_row_has_the_same_bits_in_any_batch() -> None:
     own, rng = load_policy("people").of(), np.random.default_rng(1)
-    moments = np.concatenate([APART, MEETS] * 20) + 0.2 * rng.normal(size=(40, MOMENT))
+    situations = np.concatenate([APART, MEETS] * 20) + 0.2 * rng.normal(size=(40, SITUATION))
     key, every = keys(40, 3, 1, np.arange(40)), np.ones(40, bool)
-    whole = Lender(own, 1, 40, True).step(moments, key, every, every)
+    whole = ReactionReplay(own, 1, 40, True).step(situations, key, every, every)
     for row in (0, 7, 39):
-        part = Lender(own, 1, 1, True).step(moments[[row]], key[[row]], every[:1], every[:1])
+        part = ReactionReplay(own, 1, 1, True).step(situations[[row]], key[[row]], every[:1], every[:1])
         assert part.tobytes() == whole[[row]].tobytes()
 
 
@@ -198,11 +199,11 @@ def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -
         bank_from_bytes(bank_to_bytes(Bank({"here": reactions()._replace(end=np.full(80, 9999))})))
 
 
-def test_moments_of_another_place_serve_where_the_own_place_has_none_alike() -> None:
-    # Moment k is k from `APART`. The first forty are of another place, and count as 100 further away.
+def test_situations_of_another_place_serve_where_the_own_place_has_none_alike() -> None:
+    # Situation k is k from `APART`. The first forty are of another place, and count as 100 further away.
     far = np.where(np.arange(80) < 40, 100.0**2, 0.0)
     own = reactions()._replace(far=far)
-    number = np.round(lent(own, 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
+    number = np.round(acted(own, 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
     counts = np.bincount(number, minlength=80)
     assert np.flatnonzero(counts).tolist() == [*range(24), *range(40, 80)], "forty own ones, and 24 to make 64"
 

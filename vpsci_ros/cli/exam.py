@@ -37,7 +37,7 @@ Episodes = Annotated[
 ]
 Recorded = Annotated[
     Path | None,
-    typer.Option(metavar="TABLE", help="Meet recorded people as well: right_turns, a Parquet file, a part of one."),
+    typer.Option(metavar="TABLE", help="Meet recorded pedestrians, too: right_turns, a Parquet file, a part of one."),
 ]
 FailIf = Annotated[
     list[str] | None,

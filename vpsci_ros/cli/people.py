@@ -75,7 +75,7 @@ def _print(bank: "Bank") -> None:
 
     levels = ", ".join(f"{100 * level:g}" for level in LEVELS)
     for name, reactions in bank.reactions.items():
-        print(f"{name}: {len(reactions.side)} moments of {len(reactions.steps) * 0.1:.0f} s of reactions")
+        print(f"{name}: {len(reactions.side)} situations of {len(reactions.steps) * 0.1:.0f} s of reactions")
         print(f"  onsets, quantiles of {levels}%")
         for (quantity, unit), values in zip(QUANTITIES.items(), reactions.reach, strict=True):
             print(f"  {quantity + ' [' + unit + ']':<38}{''.join(f'{value:8.1f}' for value in values)}")

@@ -92,7 +92,7 @@ class Body:
         """Return the drawn person; fields that are drawn at the hand-over are empty before it."""
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
-        return Person(kind, speed, delay, self.agent.lent(self._number), self.agent.beyond(self._number))
+        return Person(kind, speed, delay, self.agent.recorded(self._number), self.agent.beyond(self._number))
 
     def begin(self, **values: float) -> None:
         """Overwrite fields of all rows, before the first tick."""

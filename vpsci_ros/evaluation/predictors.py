@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.policy.bank import SLOWEST, Bank, moments_of, people_of
-from vpsci_ros.policy.choice import Lender
+from vpsci_ros.policy.bank import SLOWEST, Bank, situations_of, source_of
+from vpsci_ros.policy.choice import ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
@@ -117,7 +117,7 @@ def sources_for(bank: Bank, clip: NDArray[np.object_], people: str = "") -> NDAr
     :param people: one source for all; empty: each its own.
     :raises InvalidInput: the bank does not know that source.
     """
-    names = np.array([people_of(name) for name in clip])
+    names = np.array([source_of(name) for name in clip])
     if people:
         bank.of(people)
         return np.full(len(names), people)
@@ -141,8 +141,8 @@ class PeoplePredictor:
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""
-        self._lenders = {
-            name: [Lender(self._bank.of(name), agent, count, keeps_lane=False) for agent in range(len(AGENTS))]
+        self._replays = {
+            name: [ReactionReplay(self._bank.of(name), agent, count, keeps_lane=False) for agent in range(len(AGENTS))]
             for name in np.unique(self._people)
         }
         self._key, self._steps = keys(count, self._seed, 0, np.arange(count)), 0
@@ -161,14 +161,14 @@ class PeoplePredictor:
         reset = active & ~self._begun & (curvttc < CRITICAL_TTC)
         self._begun |= reset
         trend = self._done.sum(axis=0) / np.maximum(self._known, 1)[:, None]
-        moments = moments_of(vehicle, trend[:, 0], trend[:, 1] / np.maximum(vehicle[:, 0], SLOWEST))
+        situations = situations_of(vehicle, trend[:, 0], trend[:, 1] / np.maximum(vehicle[:, 0], SLOWEST))
         self._key[:, 4] = self._steps
         self._steps += 1
         out = np.zeros((2, len(active), 2))
-        for name, lenders in self._lenders.items():
+        for name, replays in self._replays.items():
             rows = active & self._begun & (self._people == name)
-            for agent, lender in enumerate(lenders):
-                out[agent] += lender.step(moments, self._key, reset, rows)
+            for agent, replay in enumerate(replays):
+                out[agent] += replay.step(situations, self._key, reset, rows)
         return out[0].astype(np.float32), out[1].astype(np.float32)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:

@@ -15,7 +15,7 @@ SILENT_TICKS = 20  # in a row without a usable command, after which an ADS has f
 SURPLUS_LIMIT = 100  # commands a tick beyond the first one; an ADS that sends more floods, and has failed
 EXTERNAL = "external"  # an ADS that the user starts himself
 PERSON = "you"  # a person drives (`vpsci drive`)
-ALONE = "alone"  # the reference of the time lost: nobody there
+ALONE = "alone"  # the empty road: the reference of the time lost
 DRIVERS = {
     LEARNED: "policy",
     "recorded": "replay",
@@ -27,11 +27,11 @@ DRIVERS = {
 
 TITLES = {
     LEARNED: "default pedestrian",
-    "recorded": "recorded people",
+    "recorded": "recorded pedestrian",
     "walker": "walker, does not react",
     "constant_velocity": "constant velocity",
     "social_force": "social force",
-    ALONE: "nobody there",
+    ALONE: "empty road",
 }
 
 

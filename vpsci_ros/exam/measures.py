@@ -80,7 +80,7 @@ def episode_table(
 ) -> pl.DataFrame:
     """Return a row for each episode, with the columns of `COLUMNS`; missing frames repeat the last known one.
 
-    :param alone: the same driver on the same episodes with nobody there: the reference of the time lost.
+    :param alone: the same driver on the same episodes without pedestrians: the reference of the time lost.
     :param reach: float64[4, 5], the range of the pedestrian's recorded onsets, see `vpsci_ros.policy.onset_range`.
     """
     reference = {episode.key: episode.path for episode in alone}
@@ -158,7 +158,7 @@ def time_lost(path: Floats, alone: Floats | None, period: float) -> float:
 
     Unlike the time to a goal it is defined for a vehicle that has not arrived when its episode ends.
 
-    :param path: float64[T], metres driven by each frame; `alone` float64[S] likewise with nobody there, or None.
+    :param path: float64[T], metres driven by each frame; `alone` float64[S] likewise on the empty road, or None.
     :returns: NaN without a reference.
     """
     if alone is None:

@@ -32,7 +32,7 @@ Motion = dict[tuple[int, int], Floats]
 
 AHEAD = 15.0  # [m] for which the recorded vehicle's path is carried on straight, as in `vpsci_ros.safety.yielding`
 ON_TIME = 5.0  # [s] for which its pedestrian's path is
-FAR = 1000.0  # [m] away: nobody there
+FAR = 1000.0  # [m] away, where a pedestrian does not matter
 _SLOWEST = 0.3  # [m/s] while crossing
 
 

@@ -93,7 +93,7 @@ def run_exam(
 
 
 def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFrame:
-    """Return a row for each episode of a driver; of the baseline, those with nobody there are the reference alone."""
+    """Return a row for each episode of a driver; of the baseline, those on the empty road are the reference alone."""
     names = [name for name in runs if driver == ADS or name != ALONE]
     alone = runs[ALONE].episodes if ALONE in runs else []
     return pl.concat(

@@ -96,9 +96,9 @@ class PolicyAgent:
                 self._work.executed(action, active)
         return action
 
-    def lent(self, slot: int) -> int:
+    def recorded(self, slot: int) -> int:
         """Return the number of the recorded situation whose reaction acts in a slot; -1: none, or a network acts."""
-        return self._work.lent(slot) if isinstance(self._work, PeopleAtWork) else -1
+        return self._work.recorded(slot) if isinstance(self._work, PeopleAtWork) else -1
 
     def beyond(self, slot: int) -> bool | None:
         """Return whether the hand-over in a slot was beyond the source's range; None: no bank, or no hand-over yet."""

@@ -1,14 +1,14 @@
 """A bank of recorded reactions: the actions of both agents after many recorded situations.
 
-A *moment* is a recorded step of a pair; its *reaction* is what both did from then to the end of the track. Two moments
-are alike by speed of the vehicle, pace of the pedestrian, its place and velocity in the vehicle's heading frame, and
-acceleration and yaw rate of the vehicle. On which side the pedestrian is makes no difference: left and right are
-exchanged where the sides differ. A vehicle's sideways motion is a curvature, so that a slow one does not swerve as a
-fast one. To a vehicle of another speed a reaction is lent with accelerations in proportion to the speed and the same
+A *situation* is a recorded step of a pair; its *reaction* is what both did from then to the end of the track. Two
+situations are alike by speed of the vehicle, pace of the pedestrian, its place and velocity in the vehicle's heading
+frame, and acceleration and yaw rate of the vehicle. On which side the pedestrian is makes no difference: left and right
+are exchanged where the sides differ. A vehicle's sideways motion is a curvature, so that a slow one does not swerve as
+a fast one. A vehicle of another speed gets a reaction with accelerations in proportion to the speed and the same
 sideways acceleration, that is, with as much change in as many seconds.
 
 `vpsci people` makes a bank of a near-miss table (`vpsci_ros.policy.make_bank`); its file is safetensors, and holds no
-network. `vpsci_ros.policy.choice` says which reaction is lent to whom.
+network. `vpsci_ros.policy.choice` chooses a reaction for an agent.
 """
 
 import hashlib
@@ -29,9 +29,9 @@ from vpsci_ros.world.observation import to_heading_frame
 
 FAMILY = "vpsci-people"
 FORMAT = f"{FAMILY} 2"  # 1: accelerations as recorded, whatever the speed, and no range
-MOMENT, FEATURES = 7, 8  # numbers of a moment, and of what makes it like another one
+SITUATION, FEATURES = 7, 8  # numbers of a situation, and of what makes it like another one
 ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
-SECONDS, SECOND = 3, 10  # after a moment in which a reaction is adjusted to another one; steps of a second
+SECONDS, SECOND = 3, 10  # after a situation in which a reaction is adjusted to another one; steps of a second
 SLOWEST = 1.0  # [m/s] a slower vehicle steers as at this speed
 
 Floats = NDArray[np.float64]
@@ -43,14 +43,14 @@ class Reactions(NamedTuple):
     :ivar features: float64[8, M], see `features_of`, each divided by `scale`.
     :ivar scale: float64[8], standard deviation of each feature over the onsets.
     :ivar side: float64[M], 1 where the pedestrian was to the left of the vehicle, else -1.
-    :ivar begin, end: int64[M], the steps of a reaction: the moment, and one past the end of its track.
+    :ivar begin, end: int64[M], the steps of a reaction: the situation, and one past the end of its track.
     :ivar steps: float64[S, 4], see `ACTIONS`.
-    :ivar slope: float64[8, 3, 4], by how much an action of each second is more where a feature is more by 1; of moments
-        with the pedestrian to the left. The vehicle's are relative to its speed at the moment:
+    :ivar slope: float64[8, 3, 4], by how much an action of each second is more where a feature is more by 1; of
+        situations with the pedestrian to the left. The vehicle's are relative to its speed in the situation:
         acceleration / speed [1/s] and sideways acceleration, curvature * speed * speed [m/s2].
     :ivar reach: float64[4, 5], quantiles of the onsets, see `vpsci_ros.policy.onset_range`.
-    :ivar far: float64[M], what is added to the squared distance of each moment: 0, or more where it is of another
-        source that serves where the own one has nothing like it.
+    :ivar far: float64[M], what is added to the squared distance of each situation: 0, or more where it is of
+        another source that serves where the own one has nothing like it.
     """
 
     features: Floats
@@ -87,15 +87,15 @@ class Bank:
         return hashlib.sha256(bank_to_bytes(self)).hexdigest()
 
 
-def people_of(source: str) -> str:
+def source_of(name: str) -> str:
     """Return the bank's source for near misses of "source" or "source/clip": the name up to a hyphen.
 
-    Recordings of one kind of place share it, as vci-dut and vci-citr do, and borrow from each other.
+    Recordings of one kind of place share it, as vci-dut and vci-citr do, and each other's reactions.
     """
-    return source.partition("/")[0].partition("-")[0]
+    return name.partition("/")[0].partition("-")[0]
 
 
-def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> Floats:
+def situations_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> Floats:
     """Return recorded situations, float64[..., 7].
 
     Speed, acceleration and yaw rate of the vehicle [m/s, m/s2, rad/s], then place [m] and velocity [m/s] of the
@@ -110,8 +110,8 @@ def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDA
 
 
 @kernel
-def moments_in(state, rows, out):  # type: ignore[no-untyped-def]
-    """Write the situations of the `rows`, bool[B], of EPISODE[B] to float64[B, 7]; see `moments_of`."""
+def situations_in(state, rows, out):  # type: ignore[no-untyped-def]
+    """Write the situations of the `rows`, bool[B], of EPISODE[B] to float64[B, 7]; see `situations_of`."""
     for i in range(state.size):
         if rows[i]:
             slot, m = state[i], out[i]
@@ -123,28 +123,28 @@ def moments_in(state, rows, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def features_of(moment, out):  # type: ignore[no-untyped-def]
+def features_of(situation, out):  # type: ignore[no-untyped-def]
     """Write the features of a situation, float64[7], to float64[8]; return the pedestrian's side, 1 or -1."""
-    walk_forward, walk_left = moment[5], moment[6]
-    side = -1.0 if moment[4] < 0.0 else 1.0
-    out[0], out[1] = moment[0], np.sqrt(walk_forward * walk_forward + walk_left * walk_left)
-    out[2], out[3] = moment[3], moment[4] * side
+    walk_forward, walk_left = situation[5], situation[6]
+    side = -1.0 if situation[4] < 0.0 else 1.0
+    out[0], out[1] = situation[0], np.sqrt(walk_forward * walk_forward + walk_left * walk_left)
+    out[2], out[3] = situation[3], situation[4] * side
     out[4], out[5] = walk_forward, walk_left * side
-    out[6], out[7] = moment[1], moment[2] * side
+    out[6], out[7] = situation[1], situation[2] * side
     return side
 
 
-def describe(moments: Floats) -> tuple[Floats, Floats]:
+def describe(situations: Floats) -> tuple[Floats, Floats]:
     """Return the features of situations, float64[n, 8], and the pedestrians' sides, float64[n]."""
-    features, side = np.empty((len(moments), FEATURES)), np.empty(len(moments))
-    _describe(np.ascontiguousarray(moments), features, side)
+    features, side = np.empty((len(situations), FEATURES)), np.empty(len(situations))
+    _describe(np.ascontiguousarray(situations), features, side)
     return features, side
 
 
 @kernel
-def _describe(moments, features, side):  # type: ignore[no-untyped-def]
+def _describe(situations, features, side):  # type: ignore[no-untyped-def]
     for i in range(side.size):
-        side[i] = features_of(moments[i], features[i])
+        side[i] = features_of(situations[i], features[i])
 
 
 def bank_to_bytes(bank: Bank) -> bytes:

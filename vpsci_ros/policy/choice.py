@@ -1,16 +1,16 @@
 """The choice of a recorded reaction for an agent, by a roll-out of each candidate.
 
-A reaction is drawn among those of the `NEAREST` most similar moments, evenly among the ones by which the two do not
+A reaction is drawn among those of the `NEAREST` most similar situations, evenly among the ones by which the two do not
 touch within 3 s. That is found by a roll-out: both move by the world's own kinematics as the recorded pair did,
-adjusted for how the moments differ, and keep their velocities for `BEYOND` steps where the recording ends sooner. A
-vehicle of another speed is lent accelerations in proportion to its speed, and the same sideways acceleration. If all of
-these touch, the nearest moment of the bank is taken by which they do not; if there is none, the one that touches
+adjusted for how the situations differ, and keep their velocities for `BEYOND` steps where the recording ends sooner. A
+vehicle of another speed gets accelerations in proportion to its speed, and the same sideways acceleration. If all of
+these touch, the nearest situation of the bank is taken by which they do not; if there is none, the one that touches
 last. A reaction is chosen again when it ends, and as soon as the rest of it would touch.
 
-Driver and pedestrian draw by the same numbers and see the same, so they are lent two halves of one reaction. If the
-other one leaves what was lent by `LEFT`, it is a stranger (a driving system, a walker who does not look): from then on
-it is assumed to keep its velocity, and only the own half is chosen. The world's limit of jerk makes strangers of two
-lent halves, too: in one of seven encounters they come apart. Forgiving it was no more like people, and walkers who do
+Driver and pedestrian draw by the same numbers and see the same, so they choose two halves of one reaction. If the other
+agent deviates from the chosen reaction by more than `LEFT` (a driving system, a walker who does not look), it is
+unpredicted: from then on it is assumed to keep its velocity, and only the own half is chosen. The world's limit of jerk
+also separates two chosen halves, in one of seven episodes. Allowing for it was no more like people, and walkers who do
 not look were hit in 7.9% for 5.5%.
 """
 
@@ -29,63 +29,63 @@ from vpsci_ros.world.counter_rng import STREAM_REACTION, philox, unit
 from vpsci_ros.world.kinematics import brake_for, drive, steer_to, throttle_for, walk
 from vpsci_ros.world.observation import STEP, from_heading_frame
 
-NEAREST = 64  # moments of which one is chosen; a power of two, and fewer where a bank has fewer
+NEAREST = 64  # situations of which one is chosen; a power of two, and fewer where a bank has fewer
 FURTHEST = 1.0  # standard deviations: the largest difference of a feature that is adjusted for
 FASTER = 1.5  # the largest ratio of the vehicle's speed to the recorded one that counts, and 1 over the least
 AHEAD = 30  # steps that a roll-out looks ahead
 BEYOND = 20  # steps for which both keep their velocities after a reaction
-LEFT = 0.05  # [m] that the other one may leave what was lent by
+LEFT = 0.05  # [m] by which the other agent may deviate from the chosen reaction
 CLOSE = math.hypot(0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH) + PEDESTRIAN_RADIUS + 0.01  # [m] no contact beyond it
 
-BOTH, CAR_KEEPS, WALKER_KEEPS = 0, 1, 2  # who does not do what was lent, but keeps its velocity
+NOBODY, CAR, WALKER = 0, 1, 2  # the unpredicted agent, which keeps its velocity
 
-LENT = np.dtype(
+CHOSEN = np.dtype(  # a chosen reaction
     [
         ("begin", "i8"), ("at", "i8"), ("end", "i8"),  # steps of the bank: first, next, one past the last
         ("mirror", "f8"),  # 1; -1: left and right are exchanged
         ("factor", "f8", ACTIONS),  # by which the steps are multiplied, for the vehicle's speed
         ("adjust", "f8", (SECONDS, ACTIONS)),  # what is added to the steps of each second
         ("expected", "f8", 2),  # [m/s] velocity of the other one at the next step: forward and left; a vehicle's speed
-        ("apart", "f8"),  # [m] by which the other one has left what was lent since the hand-over
-        ("moment", "i8"),  # number of the moment, counted from 1; 0: none yet
+        ("apart", "f8"),  # [m] by which the other agent has deviated since the hand-over
+        ("situation", "i8"),  # number of the situation, counted from 1; 0: none yet
     ]
 )  # fmt: skip
 
 
 class Room(NamedTuple):
-    """Working memory of `lend`."""
+    """Working memory of `act`."""
 
     own: NDArray[np.float64]  # [8] features
     gaps: NDArray[np.float64]  # [M] squared distances of features
-    near: NDArray[np.int64]  # [n] the nearest moments, the nearest first
-    trial: NDArray[np.void]  # LENT[1]
+    near: NDArray[np.int64]  # [n] the nearest situations, the nearest first
+    trial: NDArray[np.void]  # CHOSEN[1]
     done: NDArray[np.float64]  # [4] see `ACTIONS`
 
 
 @kernel
-def _done(lent, steps, at, out):  # type: ignore[no-untyped-def]
+def _done(chosen, steps, at, out):  # type: ignore[no-untyped-def]
     """Write what both do at step `at` of the bank, adjusted, to float64[4]."""
-    second = (at - lent.begin) // SECOND
+    second = (at - chosen.begin) // SECOND
     for k in range(ACTIONS):
-        out[k] = steps[at, k] * lent.factor[k] * (lent.mirror if k % 2 else 1.0)  # the odd ones point left
+        out[k] = steps[at, k] * chosen.factor[k] * (chosen.mirror if k % 2 else 1.0)  # the odd ones point left
         if second < SECONDS:
-            out[k] += lent.adjust[second, k]
+            out[k] += chosen.adjust[second, k]
 
 
 @kernel
-def _free_steps(moment, who, steps, done):  # type: ignore[no-untyped-def]
-    """Return after how many steps the two touch if what is lent goes on; `AHEAD`: not within these."""
-    lent, keeps_lane, stranger = who
-    x, y, heading, speed = 0.0, 0.0, 0.0, moment[0]  # in the vehicle's heading frame of the moment
-    arc = steer_to(moment[2] / max(speed, SLOWEST))
-    px, py, vx, vy = moment[3], moment[4], moment[5], moment[6]
-    for k in range(min(AHEAD, lent.end + BEYOND - lent.at)):
+def _free_steps(situation, who, steps, done):  # type: ignore[no-untyped-def]
+    """Return after how many steps the two touch by the rest of the chosen reaction; `AHEAD`: not within these."""
+    chosen, keeps_lane, unpredicted = who
+    x, y, heading, speed = 0.0, 0.0, 0.0, situation[0]  # in the vehicle's heading frame of the situation
+    arc = steer_to(situation[2] / max(speed, SLOWEST))
+    px, py, vx, vy = situation[3], situation[4], situation[5], situation[6]
+    for k in range(min(AHEAD, chosen.end + BEYOND - chosen.at)):
         done[:] = 0.0
-        if lent.at + k < lent.end:
-            _done(lent, steps, lent.at + k, done)
-        if stranger == CAR_KEEPS:
+        if chosen.at + k < chosen.end:
+            _done(chosen, steps, chosen.at + k, done)
+        if unpredicted == CAR:
             done[0] = done[1] = 0.0
-        elif stranger == WALKER_KEEPS:
+        elif unpredicted == WALKER:
             done[2] = done[3] = 0.0
         ax, ay = from_heading_frame(heading, done[2], done[3])
         pedals = throttle_for(done[0]), brake_for(done[0])
@@ -101,25 +101,25 @@ def _free_steps(moment, who, steps, done):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take(own, side, reactions, picked, lent):  # type: ignore[no-untyped-def]
-    """Make `lent` the reaction of moment `picked`, adjusted to the features `own`, float64[8]."""
-    lent.begin = lent.at = reactions.begin[picked]
-    lent.end, lent.mirror = reactions.end[picked], side * reactions.side[picked]
-    lent.moment = picked + 1
-    lent.adjust[:] = 0.0
+def _take(own, side, reactions, picked, chosen):  # type: ignore[no-untyped-def]
+    """Make `chosen` the reaction of situation `picked`, adjusted to the features `own`, float64[8]."""
+    chosen.begin = chosen.at = reactions.begin[picked]
+    chosen.end, chosen.mirror = reactions.end[picked], side * reactions.side[picked]
+    chosen.situation = picked + 1
+    chosen.adjust[:] = 0.0
     speed = max(own[0] * reactions.scale[0], SLOWEST)
     ratio = speed / max(reactions.features[0, picked] * reactions.scale[0], SLOWEST)
     ratio = min(max(ratio, 1.0 / FASTER), FASTER)
-    lent.factor[:] = 1.0
-    lent.factor[0], lent.factor[1] = ratio, 1.0 / (ratio * ratio)
+    chosen.factor[:] = 1.0
+    chosen.factor[0], chosen.factor[1] = ratio, 1.0 / (ratio * ratio)
     for k in range(FEATURES):
         gap = min(max(own[k] - reactions.features[k, picked], -FURTHEST), FURTHEST)
         for second in range(SECONDS):
             for a in range(ACTIONS):
-                lent.adjust[second, a] += gap * reactions.slope[k, second, a] * (side if a % 2 else 1.0)
+                chosen.adjust[second, a] += gap * reactions.slope[k, second, a] * (side if a % 2 else 1.0)
     for second in range(SECONDS):
-        lent.adjust[second, 0] *= speed
-        lent.adjust[second, 1] /= speed * speed
+        chosen.adjust[second, 0] *= speed
+        chosen.adjust[second, 1] /= speed * speed
 
 
 @kernel
@@ -147,13 +147,13 @@ def _nearest(own, features, far, gaps, near):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _choose(moment, key, reactions, who, free, room):  # type: ignore[no-untyped-def]
-    """Make `lent` a reaction that stays free for longer than `free` steps, if there is one.
+def _choose(situation, key, reactions, who, free, room):  # type: ignore[no-untyped-def]
+    """Make `chosen` a reaction that stays free for longer than `free` steps, if there is one.
 
     The nearest are tried in an order that the key draws, up to the first by which the two do not touch at all.
     """
-    lent, keeps_lane, stranger = who
-    side = features_of(moment, room.own)
+    chosen, keeps_lane, unpredicted = who
+    side = features_of(situation, room.own)
     for k in range(FEATURES):
         room.own[k] /= reactions.scale[k]
     _nearest(room.own, reactions.features, reactions.far, room.gaps, room.near)
@@ -166,7 +166,7 @@ def _choose(moment, key, reactions, who, free, room):  # type: ignore[no-untyped
     for c in range(count):
         trial = room.near[(first + c * stride) % count]
         _take(room.own, side, reactions, trial, room.trial[0])
-        steps = _free_steps(moment, (room.trial[0], keeps_lane, stranger), reactions.steps, room.done)
+        steps = _free_steps(situation, (room.trial[0], keeps_lane, unpredicted), reactions.steps, room.done)
         if steps > free:
             free, picked = steps, trial
             if free == AHEAD:
@@ -176,92 +176,94 @@ def _choose(moment, key, reactions, who, free, room):  # type: ignore[no-untyped
         for m in range(room.gaps.size):
             if room.gaps[m] < least:
                 _take(room.own, side, reactions, m, room.trial[0])
-                if _free_steps(moment, (room.trial[0], keeps_lane, stranger), reactions.steps, room.done) == AHEAD:
+                trial_of = room.trial[0], keeps_lane, unpredicted
+                if _free_steps(situation, trial_of, reactions.steps, room.done) == AHEAD:
                     least, picked = room.gaps[m], m
     if picked >= 0:
-        _take(room.own, side, reactions, picked, lent)
+        _take(room.own, side, reactions, picked, chosen)
 
 
 @kernel
-def _watch(moment, agent, lent):  # type: ignore[no-untyped-def]
-    """Add up by how much the other one has left what was lent."""
+def _watch(situation, agent, chosen):  # type: ignore[no-untyped-def]
+    """Add up by how much the other agent deviates from the chosen reaction."""
     if agent == 0:
-        forward, left = moment[5] - lent.expected[0], moment[6] - lent.expected[1]
-        lent.apart += STEP * math.sqrt(forward * forward + left * left)
+        forward, left = situation[5] - chosen.expected[0], situation[6] - chosen.expected[1]
+        chosen.apart += STEP * math.sqrt(forward * forward + left * left)
     else:
-        lent.apart += STEP * abs(moment[0] - lent.expected[0])
+        chosen.apart += STEP * abs(situation[0] - chosen.expected[0])
 
 
 @kernel
-def _expect(moment, agent, done, lent):  # type: ignore[no-untyped-def]
+def _expect(situation, agent, done, chosen):  # type: ignore[no-untyped-def]
     """Carry the velocity expected of the other one on by a step, in which both do `done`, float64[4]."""
     if agent == 0:
-        forward, left = lent.expected[0] + STEP * done[2], lent.expected[1] + STEP * done[3]
-        turned = STEP * moment[2]  # the heading frame turns with the vehicle
-        lent.expected[0], lent.expected[1] = forward + turned * left, left - turned * forward
+        forward, left = chosen.expected[0] + STEP * done[2], chosen.expected[1] + STEP * done[3]
+        turned = STEP * situation[2]  # the heading frame turns with the vehicle
+        chosen.expected[0], chosen.expected[1] = forward + turned * left, left - turned * forward
     else:
-        lent.expected[0] = max(0.0, lent.expected[0] + STEP * done[0])
+        chosen.expected[0] = max(0.0, chosen.expected[0] + STEP * done[0])
 
 
 @kernel
-def _lend(moment, key, reset, actor, reactions, lent, room, out):  # type: ignore[no-untyped-def]
+def _act(situation, key, reset, actor, reactions, chosen, room, out):  # type: ignore[no-untyped-def]
     """Write what an agent does at this step to float64[2]."""
     agent, keeps_lane = actor
     if reset:
-        lent.apart, lent.at, lent.end = 0.0, 0, 0
+        chosen.apart, chosen.at, chosen.end = 0.0, 0, 0
     else:
-        _watch(moment, agent, lent)
-    stranger = BOTH
-    if lent.apart > LEFT:
-        stranger = WALKER_KEEPS if agent == 0 else CAR_KEEPS
+        _watch(situation, agent, chosen)
+    unpredicted = NOBODY
+    if chosen.apart > LEFT:
+        unpredicted = WALKER if agent == 0 else CAR
     free = -1
-    if lent.at < lent.end:
-        free = _free_steps(moment, (lent, keeps_lane, stranger), reactions.steps, room.done)
+    if chosen.at < chosen.end:
+        free = _free_steps(situation, (chosen, keeps_lane, unpredicted), reactions.steps, room.done)
     if free < AHEAD:
-        begin, at = lent.begin, lent.at
-        _choose(moment, key, reactions, (lent, keeps_lane, stranger), free, room)
-        if lent.begin != begin or lent.at != at:
-            lent.expected[0], lent.expected[1] = (moment[5], moment[6]) if agent == 0 else (moment[0], 0.0)
-    _done(lent, reactions.steps, lent.at, room.done)
-    lent.at += 1
-    _expect(moment, agent, room.done, lent)
-    fast = max(moment[0], SLOWEST)
+        begin, at = chosen.begin, chosen.at
+        _choose(situation, key, reactions, (chosen, keeps_lane, unpredicted), free, room)
+        if chosen.begin != begin or chosen.at != at:
+            other = (situation[5], situation[6]) if agent == 0 else (situation[0], 0.0)
+            chosen.expected[0], chosen.expected[1] = other
+    _done(chosen, reactions.steps, chosen.at, room.done)
+    chosen.at += 1
+    _expect(situation, agent, room.done, chosen)
+    fast = max(situation[0], SLOWEST)
     out[0] = room.done[2 * agent]
     out[1] = room.done[2 * agent + 1] * (fast * fast if agent == 0 else 1.0)
 
 
 @kernel
-def lend(moments, keys, reset, active, actor, reactions, slots, room, out):  # type: ignore[no-untyped-def]
+def act(situations, keys, reset, active, actor, reactions, slots, room, out):  # type: ignore[no-untyped-def]
     """Write an agent's action at this step in each slot to float64[B, 2]; inactive rows do not change.
 
-    :param moments: float64[B, 7], see `bank.moments_of`; keys: uint64[B, 5], see `draws.keys`.
+    :param situations: float64[B, 7], see `bank.situations_of`; keys: uint64[B, 5], see `draws.keys`.
     :param reset: bool[B], the agent is handed over with this step; active: bool[B].
-    :param actor: 0 the vehicle or 1 the pedestrian, and whether the vehicle keeps to a lane; slots: LENT[B].
+    :param actor: 0 the vehicle or 1 the pedestrian, and whether the vehicle keeps to a lane; slots: CHOSEN[B].
     """
     for i in range(active.size):
         if active[i]:
-            _lend(moments[i], keys[i], reset[i], actor, reactions, slots[i], room, out[i])
+            _act(situations[i], keys[i], reset[i], actor, reactions, slots[i], room, out[i])
 
 
-class Lender:
+class ReactionReplay:
     """Chooses and replays reactions for one agent (0 vehicle, 1 pedestrian) in each of `capacity` slots.
 
-    :param keeps_lane: the vehicle follows a road and not what is lent to it sideways.
-    :ivar slots: LENT[B], what is lent.
+    :param keeps_lane: the vehicle follows a road, not the reaction's sideways motion.
+    :ivar slots: CHOSEN[B], the chosen reactions.
     """
 
     def __init__(self, reactions: Reactions, agent: int, capacity: int, keeps_lane: bool) -> None:
         count = 2 ** int(math.log2(min(NEAREST, len(reactions.side))))
-        self._reactions, self._actor, self.slots = reactions, (agent, keeps_lane), np.zeros(capacity, LENT)
+        self._reactions, self._actor, self.slots = reactions, (agent, keeps_lane), np.zeros(capacity, CHOSEN)
         self._room = Room(
-            np.empty(FEATURES), np.empty(len(reactions.side)), np.zeros(count, np.int64), np.zeros(1, LENT),
+            np.empty(FEATURES), np.empty(len(reactions.side)), np.zeros(count, np.int64), np.zeros(1, CHOSEN),
             np.empty(ACTIONS),
         )  # fmt: skip
 
     def step(
-        self, moments: NDArray[np.float64], keys: Keys, reset: NDArray[np.bool_], active: NDArray[np.bool_]
+        self, situations: NDArray[np.float64], keys: Keys, reset: NDArray[np.bool_], active: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
-        """Return accelerations in the vehicle's heading frame [m/s2], float64[B, 2]; 0 where not active; see `lend`."""
+        """Return accelerations in the vehicle's heading frame [m/s2], float64[B, 2]; 0 where not active; see `act`."""
         out = np.zeros((len(active), 2))
-        lend(moments, keys, reset, active, self._actor, self._reactions, self.slots, self._room, out)
+        act(situations, keys, reset, active, self._actor, self._reactions, self.slots, self._room, out)
         return out

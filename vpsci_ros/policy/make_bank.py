@@ -26,16 +26,16 @@ from vpsci_ros.policy.bank import (
     Bank,
     Reactions,
     describe,
-    moments_of,
-    people_of,
+    situations_of,
+    source_of,
 )
 from vpsci_ros.policy.onset_range import onsets_of, range_of
 from vpsci_ros.world.observation import STEP
 
-EVERY = 10  # steps from one moment of a track to the next, 1 s
-SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no moments
+EVERY = 10  # steps from one situation of a track to the next, 1 s
+SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no situations
 LEAST = SECONDS * SECOND  # steps of a reaction, at least
-FOREIGN = 6.0  # standard deviations by which a moment of another place counts as further away
+FOREIGN = 6.0  # standard deviations by which a situation of another place counts as further away
 FEW = 60  # onsets of one's own that weigh as much as all onsets together, in standard deviations and slopes
 RIDGE = 0.1  # penalty of slopes, per onset
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
@@ -56,8 +56,8 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     table = concat_near_misses([*map(read_near_misses, names), *elsewhere])
     table, held_out = split_by_name(table, without, "--without") if without else (table, table.head(0))
     interactions = from_table(table, whole_tracks=True)
-    of = np.array([people_of(clip) for clip in interactions.clip])
-    foreign = {people_of(source) for other in elsewhere for source in other["source"].unique()}
+    of = np.array([source_of(clip) for clip in interactions.clip])
+    foreign = {source_of(source) for other in elsewhere for source in other["source"].unique()}
     own = [name for name in dict.fromkeys(of.tolist()) if name not in foreign]
     if not own:
         raise InvalidInput(f"--with {', '.join(map(str, others))}: expected another source than {', '.join(foreign)}")
@@ -84,7 +84,8 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
 def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None = None) -> Reactions | None:
     """Return the reactions of whole tracks of one source; None if no onset has 3 s after it.
 
-    :param foreign: bool[N], the interaction is of another place: each of its moments counts as `FOREIGN` further away.
+    :param foreign: bool[N], the interaction is of another place: each of its situations counts as `FOREIGN`
+        further away.
         Standard deviations and slopes are means of those of all onsets and of one's own alone, see `FEW`.
     """
     done, known = actions_of(fitted(interactions)), interactions.length - 1
@@ -96,9 +97,9 @@ def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None =
         at.append(np.arange(SETTLED, end - LEAST + 1, EVERY))
         row.append(np.full(len(at[-1]), number))
     rows, steps = np.concatenate(row), np.concatenate(at)
-    moments = moments_of(interactions.observation["vehicle"], *interactions.trends())
-    moments = moments[rows, steps]
-    features, side = describe(moments)
+    situations = situations_of(interactions.observation["vehicle"], *interactions.trends())
+    situations = situations[rows, steps]
+    features, side = describe(situations)
     begun, count = features[: len(onsets)], len(onsets)
     relative = _relative(done[onsets], begun[:, 0])
     scale, slope = _fit_onsets(begun, relative, steps[:count], side[:count])
@@ -118,7 +119,7 @@ def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None =
         end=offset[rows + 1],
         steps=np.concatenate([track[:end] for track, end in zip(done, known, strict=True)]),
         slope=slope,
-        reach=range_of(onsets_of(moments[:count])),
+        reach=range_of(onsets_of(situations[:count])),
         far=np.zeros(len(rows)) if foreign is None else np.where(foreign[rows], FOREIGN**2, 0.0),
     )
 
@@ -132,7 +133,7 @@ def actions_of(interactions: Interactions) -> Floats:
 
 
 def _relative(done: Floats, speed: Floats) -> Floats:
-    """Return actions, float64[n, T, 4], the vehicle's relative to its `speed` [m/s] at the moment."""
+    """Return actions, float64[n, T, 4], the vehicle's relative to its `speed` [m/s] in the situation."""
     fast, out = np.maximum(speed, SLOWEST)[:, None], done.copy()
     out[..., 0] /= fast
     out[..., 1] *= fast * fast

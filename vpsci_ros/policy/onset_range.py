@@ -26,9 +26,10 @@ _WALKS, _DRIVES = 0.3, 0.1  # [m/s] of a slower agent no direction is known, so 
 Floats = NDArray[np.float64]
 
 
-def onsets_of(moments: Floats) -> Floats:
-    """Return `QUANTITIES` of situations, float64[n, 7] -> float64[n, 4]; see `vpsci_ros.policy.bank.moments_of`."""
-    return _quantities(moments[:, 0], moments[:, 3:5], np.ones((len(moments), 1)) * (1.0, 0.0), moments[:, 5:7])
+def onsets_of(situations: Floats) -> Floats:
+    """Return `QUANTITIES` of situations, float64[n, 7] -> float64[n, 4]; see `vpsci_ros.policy.bank.situations_of`."""
+    ahead = np.ones((len(situations), 1)) * (1.0, 0.0)
+    return _quantities(situations[:, 0], situations[:, 3:5], ahead, situations[:, 5:7])
 
 
 def onsets_in(vehicle: NDArray[Any], velocity: NDArray[Any], place: NDArray[Any], walk: NDArray[Any]) -> Floats:

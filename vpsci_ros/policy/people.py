@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.policy.bank import MOMENT, Reactions, moments_in
-from vpsci_ros.policy.choice import Lender
+from vpsci_ros.policy.bank import SITUATION, Reactions, situations_in
+from vpsci_ros.policy.choice import ReactionReplay
 from vpsci_ros.policy.draws import keys_of
 from vpsci_ros.policy.onset_range import beyond, onsets_of
 from vpsci_ros.world.tick import Assessment, Tick
@@ -17,8 +17,8 @@ class PeopleAtWork:
     """
 
     def __init__(self, reactions: Reactions, agent: int, capacity: int) -> None:
-        self._lender, self._agent = Lender(reactions, agent, capacity, keeps_lane=True), agent
-        self._moments = np.zeros((capacity, MOMENT))
+        self._replay, self._agent = ReactionReplay(reactions, agent, capacity, keeps_lane=True), agent
+        self._situations = np.zeros((capacity, SITUATION))
         self._reach, self._beyond = reactions.reach, np.zeros(capacity, np.bool_)  # at the last hand-over of each slot
 
     def act(self, tick: Tick, assessment: Assessment, seed: ArrayLike) -> NDArray[np.float32]:
@@ -27,19 +27,19 @@ class PeopleAtWork:
         The vehicle keeps to its lane: the road turns another way than the one on which its reaction was recorded.
         """
         active = assessment.acting
-        moments_in(tick.state, active, self._moments)
+        situations_in(tick.state, active, self._situations)
         reset = active & (tick.state["controlled"] == 0)
         if np.count_nonzero(reset):
-            self._beyond[reset] = beyond(onsets_of(self._moments[reset]), self._reach)
-        action = self._lender.step(self._moments, keys_of(tick.state, seed), reset, active).astype(np.float32)
+            self._beyond[reset] = beyond(onsets_of(self._situations[reset]), self._reach)
+        action = self._replay.step(self._situations, keys_of(tick.state, seed), reset, active).astype(np.float32)
         if self._agent == 0:
             action[:, 1] = 0.0
         return action
 
-    def lent(self, slot: int) -> int:
+    def recorded(self, slot: int) -> int:
         """Return the number of the recorded situation whose reaction acts in a slot; -1: none yet."""
-        return int(self._lender.slots["moment"][slot]) - 1
+        return int(self._replay.slots["situation"][slot]) - 1
 
     def beyond(self, slot: int) -> bool | None:
         """Return whether a slot's last hand-over was beyond the range of the recorded onsets; None: none yet."""
-        return bool(self._beyond[slot]) if self.lent(slot) >= 0 else None
+        return bool(self._beyond[slot]) if self.recorded(slot) >= 0 else None

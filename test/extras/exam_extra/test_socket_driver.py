@@ -37,7 +37,7 @@ for message in map(json.loads, wire):
 
 
 def examined(folder: Path, **ads: Any) -> tuple[list[str], Path]:
-    """Put a system to an exam of two episodes, with nobody there and with the walker."""
+    """Put a system to an exam of two episodes, on the empty road and with the walker."""
     short = {"scenarios": [1, 104], "episodes": 1, "episode_time": 1.0}
     exam = {"pedestrians": ["walker"], "baseline": False}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", exam)
@@ -72,7 +72,7 @@ def test_the_client_in_cpp_has_the_report_of_the_python_class_to_the_last_bit(tm
 def test_a_system_that_dies_loses_what_is_left_and_the_report_has_its_last_words(tmp_path: Path) -> None:
     act = "exit('no plan')"
     failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act))
-    first = "nobody there: the ADS did not drive 1:0 and 1 more to the end: at 0.00 s the ADS ended with exit status 1"
+    first = "empty road: the ADS did not drive 1:0 and 1 more to the end: at 0.00 s the ADS ended with exit status 1"
     assert failures[0].startswith(f"{first}, having said 'no plan'")
     assert len(failures) == 1, "with a run in which nothing was driven the exam ends"
 

@@ -273,7 +273,7 @@ def motion(scenarios: Sequence[Scenario], config: WorldConfig) -> Motion:
 
 
 def _driven(scenarios: Sequence[Scenario], config: WorldConfig) -> Floats:
-    """Return x, y [m] and heading [rad] of the vehicle, float64[B, T, 3], with nobody there, at constant speed."""
+    """Return x, y [m] and heading [rad] of the vehicle, float64[B, T, 3], without a pedestrian, at constant speed."""
     keys = [(scenario.number, 0) for scenario in scenarios]
     far = np.array([[FAR, FAR, 0.0, 0.0]])
     nobody = Recorded({key: (np.zeros((1, 5)), far) for key in keys})
