@@ -1,15 +1,15 @@
 """How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
-    python benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights people ma_sst_ddpg]
+    python benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights people ma_sst_ddpg] [--scenarios 1 2]
                                        [--near-misses near_misses.parquet] [--world spawn=paper episode_time=10 ...]
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. An episode goes on alike
 whatever its limit, so the shares after 10 s are those of a limit of 10 s. `--world` sets parameters of `WorldConfig`;
-scenes by the numbers of section 3.2: spawn=paper episode_time=10 pedestrian_gain=0.5. The control
-is no acceleration at all. With near misses, also who slows down in these, between the first critical step
-and the last of those that stay critical for a second, how far pedestrians leave their line meanwhile, and how near
-people came who met so late: where an encounter begins bounds how far it can be kept off, and simulated ones begin
-later (`ONSETS`). Half a minute.
+scenes by the numbers of section 3.2: spawn=paper episode_time=10 pedestrian_gain=0.5. The control is no acceleration at
+all. With several pedestrians only the shares of outcomes are printed. With near misses, also who slows down in
+these, between the first critical step and the last of those that stay critical for a second, how far pedestrians leave
+their line meanwhile, and how near people came who met so late: where an encounter begins bounds how far it can be kept
+off, and simulated ones begin later (`ONSETS`). Half a minute.
 """
 
 import argparse
@@ -60,7 +60,7 @@ class Watched(NamedTuple):
 
 def watched(weights: Policy | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
     """Simulate the episodes and look at those that become critical, from then on; `onset` is CurvTTC then."""
-    world = World(config, load_scenarios(range(1, 9)), episodes, 512, seed)
+    world = World(config, load_scenarios({scenario for scenario, _ in episodes}), episodes, 512, seed)
     agents: dict[str, Agent] = dict.fromkeys(AGENTS, NoAcceleration())
     if weights is not None:
         agents = dict(policies(weights, world))
@@ -135,6 +135,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
     parser.add_argument("--seed", type=int, default=20261125, help="of the world; another one than training had")
     parser.add_argument("--weights", nargs="+", default=["people", "ma_sst_ddpg"], help="files or shipped names")
+    parser.add_argument("--scenarios", type=int, nargs="+", default=[*range(1, 9)], help="numbers")
     parser.add_argument("--world", nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the world")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")
     parser.add_argument(
@@ -151,9 +152,9 @@ def main() -> None:
         rows = np.arange(len(near_misses))
         onset, least = near_misses.curvttc[rows, near_misses.first], near_misses.curvttc.min(axis=1)
         print(f"  CurvTTC quartiles of {len(rows)}: at first {_quartiles(onset)}, least {_quartiles(least)}")
-    episodes = [(scenario, number) for number in range(arguments.episodes) for scenario in range(1, 9)]
+    episodes = [(scenario, number) for number in range(arguments.episodes) for scenario in arguments.scenarios]
     settings = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in arguments.world)}
-    world, scenarios = build(WorldConfig, settings, "--world"), load_scenarios(range(1, 9))
+    world, scenarios = build(WorldConfig, settings, "--world"), load_scenarios(arguments.scenarios)
     for name in [*arguments.weights, "no acceleration"]:
         weights = None if name == "no acceleration" else load_policy(name)
         simulation = SimulationConfig(scenarios, episodes, 512, arguments.seed, world)
@@ -163,7 +164,7 @@ def main() -> None:
         for rate in ("collision", "goal"):
             shares = [100.0 * row[f"{rate}_{part}"] for part in ("rate", "low", "high")]
             print("  {} {:.1f}% [{:.1f}, {:.1f}]".format(rate, *shares))
-        if arguments.keeping:
+        if arguments.keeping or world.pedestrians > 1:
             continue
         seen = watched(weights, world, episodes, arguments.seed)
         print(f"  collided and at both goals by time: {by_time(seen, world.episode_time)}")

@@ -1,16 +1,24 @@
 """A car that never brakes on a straight road: how often it touches the default pedestrian, and one who walks on.
 
     python benchmarks/straight_road.py [--episodes 200] [--speeds 2 5 8] [--leads -1 0 1]
+    python benchmarks/straight_road.py --engines sumo highway [--episodes 100]
 
 A pedestrian crosses the road at 1.3 m/s from 5 m before its middle; a car comes along the middle at constant speed, so
 that both would be at the crossing point at the same time (lead 0 s), or the car so much later (negative: earlier). The
 walker who does not react draws nothing, so one episode says it all. Counted are contacts of the footprints, the least
 clearance, whether the pedestrian was past the middle when the car came, and which hand-overs lay beyond the range of
 the recorded onsets. Wilson's 95% intervals, an episode a unit.
+
+With `--engines`, only the last of these, in the examples of other engines: `examples/sumo_crossing.py` (extra sumo),
+where SUMO's car gives way, and `examples/highway_crossing.py` (extra highway).
 """
 
 import argparse
-from typing import NamedTuple
+import importlib.util
+import tempfile
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +61,41 @@ def crossed(pedestrian: Pedestrian | None, speed: float, lead: float) -> Crossin
     return Crossing(near, first, None if pedestrian is None else pedestrian.person.beyond)
 
 
+def handed_over(engine: str, count: int) -> list[bool]:
+    """Return for each hand-over in episodes of an engine's example whether it lay beyond the range."""
+    example = _example(f"{engine}_crossing")
+    made: list[Pedestrian] = []
+
+    class Kept(Pedestrian):
+        """A pedestrian that is asked after its episode."""
+
+        def __init__(self, *given: Any, **named: Any) -> None:
+            super().__init__(*given, **named)
+            made.append(self)
+
+    example.Pedestrian = Kept
+    with tempfile.TemporaryDirectory() as folder:
+        if engine == "sumo":
+            net = example.network(Path(folder))
+            for episode in range(count):
+                example.play(net, episode, "our")
+            example.traci.close()
+        else:
+            for episode in range(count):
+                example.play(episode)
+    found = [person.person.beyond for person in made]
+    return [each for each in found if each is not None]
+
+
+def _example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "examples" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def _share(held: list[bool]) -> str:
     low, high = wilson_interval(sum(held), len(held))
     return f"{sum(held)} of {len(held)} [{low:.0%}, {high:.0%}]"
@@ -65,7 +108,13 @@ def main() -> None:
     parser.add_argument("--speeds", type=float, nargs="+", default=[2.0, 5.0, 8.0], help="[m/s]")
     parser.add_argument("--leads", type=float, nargs="+", default=[-1.0, 0.0, 1.0], help="[s]")
     parser.add_argument("--weights", default="people")
+    parser.add_argument("--engines", nargs="+", choices=("sumo", "highway"), help="examples of engines instead")
     given = parser.parse_args()
+    for engine in given.engines or ():
+        held = handed_over(engine, given.episodes)
+        print(f"{engine}: {_share(held)} hand-overs of {given.episodes} episodes beyond the range", flush=True)
+    if given.engines:
+        return
     weights, way = load_policy(given.weights), [(0.0, -8.0), (0.0, 8.0)]
     heads = ("car [m/s]", "lead [s]", "walks on", "learned: contact", "clearance, median", "is past first", "beyond")
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
