@@ -69,9 +69,9 @@ def samples(
 
     Prints rewards and critic losses of the training, and rewards and errors on
     held-out clips, which are the same for all sizes, beside the last velocity
-    repeated. Writes table_3.csv, run.json and a folder for each size. The same
-    command resumes a stopped study (Ctrl-C); finished sizes are not trained
-    again.
+    repeated. Writes table_3.csv, table_3.png, run.json and a folder for each
+    size. The same command resumes a stopped study (Ctrl-C); finished sizes
+    are not trained again.
 
     In full, with params/stage1_pretrain.yaml: hours on one core.
     For a test of a minute: --sizes 50,100 --set learner.episodes=20
@@ -153,8 +153,8 @@ def models(
     transformer, lstm and feedforward predict the next velocity; ..._ddpg and
     ddpg are trained by reinforcement. With --refine params/stage2_online.yaml
     and --simulated TABLE each is also trained in simulation and measured there
-    (..._refined). Writes models.json, models.md, run.json and a folder for
-    each fold, with weights for --weights. With --steps 0.3,1,3 the
+    (..._refined). Writes models.json, models.md, models.png, run.json and a
+    folder for each fold, with weights for --weights. With --steps 0.3,1,3 the
     step sizes of the files are multiplied by the factor that is best on a
     quarter of the training clips. The same command resumes a stopped study
     (Ctrl-C); finished trainings are not repeated.
@@ -203,9 +203,9 @@ def weights(
     All start from learner.weights. Collision and goal rates, with 95%
     intervals, are measured after training, on fresh episodes without
     exploration; ADE and FDE by both protocols on held-out clips. Controls are
-    the weights at the start, and acceleration 0. Writes table_5.csv, run.json
-    and a folder for each weighting. The same command resumes a stopped study
-    (Ctrl-C); finished weightings are not trained again.
+    the weights at the start, and acceleration 0. Writes table_5.csv,
+    table_5.png, run.json and a folder for each weighting. The same command
+    resumes a stopped study (Ctrl-C); finished weightings are not trained again.
 
     In full, with params/stage2_online.yaml: hours on one core. For a test of
     a minute: --weightings equal,adaptive --fresh-episodes 5
