@@ -9,8 +9,11 @@ import pytest
 import rclpy
 from nodes.stage import Stage
 from rclpy.context import Context
+from synthetic import random_weights
 
 from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import save_weights
 
 
 @pytest.fixture
@@ -45,11 +48,7 @@ def stage(context: Context, closed: Callable[[Any], Any]) -> Callable[..., Stage
 
 @pytest.fixture(scope="session")
 def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Untrained weights: what nodes do with them has to be right whatever they are."""
-    from vpsci_ros.learning.networks import Networks
-    from vpsci_ros.policy.config import NetworkConfig
-    from vpsci_ros.policy.weights import save_weights
-
-    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
-    save_weights(path, Networks(NetworkConfig()).weights({}, {}))
+    """Random weights of small networks: what nodes do with them has to be right whatever they are."""
+    path = tmp_path_factory.mktemp("weights") / "random.safetensors"
+    save_weights(path, random_weights(NetworkConfig(hidden=16, heads=2)))
     return str(path)

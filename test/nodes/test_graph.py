@@ -68,7 +68,8 @@ def recorded_ticks(bag: Path) -> dict[int, dict[str, Any]]:
 def whole(tmp_path_factory: pytest.TempPathFactory, weights: str) -> GraphResult:
     """A run to its end; not to be changed."""
     with own_domain():
-        return run_graph(sections(weights), tmp_path_factory.mktemp("whole") / "run", quiet=True)
+        chosen = sections(weights, action_timeout=60.0)  # on a busy machine no answer is missing, either
+        return run_graph(chosen, tmp_path_factory.mktemp("whole") / "run", quiet=True)
 
 
 def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
