@@ -162,7 +162,7 @@ class DatasetWriter:
             self._tables[number, kept] = [EpisodeTable(path, self._row_group, metadata) for path in paths]
 
     def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
-        """Filter and write episodes of a scenario; their numbers follow those written before.
+        """Write judged episodes of a scenario, kept and rejected ones apart; their numbers follow those written before.
 
         :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`).
         """

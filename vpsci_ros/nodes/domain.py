@@ -26,7 +26,8 @@ _EXAM = "//exam"  # in the place of a namespace, which none can be
 def set_defaults() -> None:
     """Limit discovery to this host and set `params/middleware.xml` for Fast DDS, unless the environment sets them.
 
-    Without that file it sends them every 3 s, and a node that ends waits so long for the recorder's acknowledgement.
+    Without that file Fast DDS asks for missing acknowledgements every 3 s, and a node that ends waits so long for the
+    recorder's.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(params_dir() / "middleware.xml"))

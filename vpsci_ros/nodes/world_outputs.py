@@ -22,7 +22,7 @@ PERCEPTION = "perception"  # the node
 
 
 class WorldOutputs:
-    """`/clock`, `/world/state`, `/episode/event`, `/replay`; of one episode at a time odometry, transforms, markers.
+    """`/clock`, `/world/state`, `/episode/event`, `/replay`; with `batch: 1` also odometry, transforms and markers.
 
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
     Where the graph has the node `perception`, pedestrians are on `/perception/objects` instead.

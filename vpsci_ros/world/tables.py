@@ -120,7 +120,7 @@ def crowd_from(config: WorldConfig) -> Crowd:
 
 
 def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Tables:
-    """Return S > 0 scenarios as tables in the same order, followed by those with the opposite route.
+    """Return S > 0 scenarios as tables, followed by the same ones with the walking route the other way round.
 
     :param spawn: `WorldConfig.spawn`; with the paper's, and with `mixed`, the vehicle's goal is at most `PAPERS_GOAL`
         behind the crossing.
