@@ -63,7 +63,7 @@ def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame) -> dict[st
 
 
 def between_halves(recorded: pl.DataFrame) -> dict[str, dict[str, float]]:
-    """Return `ks` and `wasserstein` [s] between random halves of the recorded clips: the draws' median and 95% interval.
+    """Return `ks` and `wasserstein` [s] between random halves of the recorded clips: median and 95% interval.
 
     NaN where there is a single clip.
     """
