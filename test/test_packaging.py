@@ -63,8 +63,14 @@ def test_every_node_is_an_executable_and_nothing_else_is():
     nodes = set()
     for path in [*(ROOT / "vpsci_ros" / "nodes").glob("*.py"), *(ROOT / "vpsci_ros" / "extras").glob("*/node.py")]:
         for each in ast.parse(path.read_text()).body:
-            if isinstance(each, ast.ClassDef) and {ast.unparse(base) for base in each.bases} & NODE_CLASSES:
-                nodes.add(re.sub("(?<=[a-z])(?=[A-Z])", "_", each.name).lower())
+            if isinstance(each, ast.ClassDef):
+                name, of = each.name, {ast.unparse(base) for base in each.bases}
+            elif isinstance(each, ast.Assign) and isinstance(each.value, ast.Call):  # a class with parameters
+                name, of = ast.unparse(each.targets[0]), {ast.unparse(argument) for argument in each.value.args[:1]}
+            else:
+                continue
+            if of & NODE_CLASSES:
+                nodes.add(re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower())
     assert sorted(nodes - ABSTRACT) == SETUP["EXECUTABLES"]
 
 

@@ -103,5 +103,5 @@ def test_security_that_is_requested_and_not_to_be_had_is_refused_before_anything
     with pytest.raises(InvalidInput, match=said):
         run_graph(load("stage3_generate", []), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-    assert base.run(SafetyMonitor, ["safety_monitor"]) == 2
+    assert base.run_together([SafetyMonitor], ["safety_monitor"]) == 2
     assert said in capsys.readouterr().err

@@ -19,7 +19,7 @@ from vpsci_ros.bags.topic_info import TopicInfo, extent
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import decode
-from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.wire.layout import SAFETY, WORLD
 
 CLOCK = "/clock"
 SHOWN = 12  # episodes in the printed list
@@ -182,12 +182,11 @@ def _simulated_share(bag: Bag, topics: dict[str, TopicInfo]) -> float:
 
 
 def _episodes(bag: Bag, topics: dict[str, TopicInfo]) -> list[BagEpisode]:
-    if not any(name in topics for name in (EVENTS, WORLD, *ODOMETRY)):
-        return []
+    recorded = {name for name, topic in topics.items() if topic.messages}
     try:
         return bag_episodes(bag)
     except InvalidInput:
-        if WORLD not in topics and not set(ODOMETRY) <= set(topics):
+        if WORLD not in recorded and not set(ODOMETRY) <= recorded:
             return []
         raise
 
