@@ -135,7 +135,7 @@ def test_a_recorder_leaves_out_ragged_events_and_times_before_0_and_its_bag_is_w
         clocks.publish(message)
     for message in (good, ragged):
         events.publish(message)
-    here.spin_until(lambda: recorder.figures()["messages_seen"] == 4)
+    here.spin_until(lambda: recorder.figures()["messages_seen"] >= 4)
     assert refused(recorder) == {"/clock": 1, "/episode/event": 1}
     recorder.close()
     info = bag_info(tmp_path / "bag")
