@@ -44,7 +44,7 @@ class Onsets:
 
     @property
     def units(self) -> Units:
-        """What intervals resample."""
+        """The clips, or the groups, that a bootstrap of the onsets draws with replacement."""
         return units_of(self.clip, self.interactions.group)
 
     @property

@@ -36,7 +36,7 @@ NOTHING = Estimate(math.nan, math.nan, math.nan, 0)
 
 
 class Units(NamedTuple):
-    """What intervals of recorded near misses resample.
+    """The clips, or the groups, of recorded near misses that a bootstrap draws with replacement.
 
     :ivar labels: str[n], the unit of each near miss.
     :ivar name: "clips" or "groups".

@@ -71,9 +71,10 @@ def importance(error: Tensor, present: Tensor, temperature: float) -> Tensor:
 
 
 def _encoded(network: nn.Module, batch: Batch, more: int, *inputs: Tensor) -> Tensor:
-    """Return what an actor or an encoder makes of histories and `more` steps after their last one, float32[M, T, n].
+    """Return an actor's or encoder's output at each step of histories, float32[M, T, n]; recorded steps: [M, 1, n].
 
-    Of recorded steps, float32[M, 1, n]: the last one alone.
+    :param more: steps after the last action that are included: 1 for target networks, else 0.
+    :param inputs: observations, actions before and CurvTTC, as of `SSTEncoder.forward`.
     """
     if batch.step is not None:
         out: Tensor = network(*inputs, batch.step + more)

@@ -24,7 +24,7 @@ from vpsci_ros.wire.layout import MAP, WORLD
 from vpsci_ros.world.lockstep import SAFETY, LockStep
 from vpsci_ros.world.safe_stop import ExternalDriver
 
-STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
+ANNOUNCED_PATIENCE = 3.0  # [s] to wait for announced readers of the state that have not subscribed yet
 
 
 class Respondents:
@@ -58,14 +58,14 @@ class Respondents:
         return any(given.get_publisher_count() for given in self._commands)
 
     def missing(self, outputs: WorldOutputs) -> set[str]:
-        """Return what the world waits for before its first tick; called until that is nothing.
+        """Return the names of nodes and topics that the world waits for before its first tick; empty: it may begin.
 
-        Nodes that have to answer must be there, and the readers of `outputs`. Readers that are only announced get
-        `STRANGER_PATIENCE` from then on.
+        Nodes that have to answer must be there, and the readers of `outputs`. Readers that are only announced are
+        waited for at most `ANNOUNCED_PATIENCE` longer.
         """
         absent, now = self._absent() | outputs.absent(), time.monotonic()
         self._all_here_since = None if absent else self._all_here_since or now
-        if self._all_here_since and now - self._all_here_since < STRANGER_PATIENCE:
+        if self._all_here_since and now - self._all_here_since < ANNOUNCED_PATIENCE:
             return self._not_subscribed() | outputs.unread()
         return absent
 

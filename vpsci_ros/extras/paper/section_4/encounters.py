@@ -55,7 +55,7 @@ def recorded_encounters(near_misses: pl.DataFrame) -> pl.DataFrame:
 
 
 def units_in(near_misses: pl.DataFrame) -> Units:
-    """Return what intervals of the interactions of a near-miss table resample, see `statistics.units_of`."""
+    """Return the clips or groups by which a bootstrap of a near-miss table resamples, see `statistics.units_of`."""
     first = near_misses.unique("interaction", keep="first", maintain_order=True)
     clips = first.select(pl.concat_str("source", "clip", separator="/")).to_series()
     return units_of(clips.to_numpy(), first["group"].to_numpy())
