@@ -20,6 +20,7 @@ from vpsci_ros.evaluation.scene import SHARPEST_TURN, scene_at
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
@@ -48,16 +49,18 @@ def tracked(onsets: Onsets) -> Floats:
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
-    """Return a policy as a simulator; K = 1 for networks, which are deterministic.
+    """Return a policy as a simulator; K = 1 for networks without `vehicle_spread`, which are deterministic.
 
     :param people: of a bank, whose reactions act, see `PeoplePredictor`.
     """
 
     def simulate(onsets: Onsets) -> Floats:
-        if not isinstance(own, Bank):
+        if isinstance(own, Weights) and not own.network.vehicle_spread:
             return rolled_out(PolicyPredictor(own), onsets)
         again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
-        predictor = PeoplePredictor(own, again.clip, seed, people)
+        predictor: Predictor = (
+            PeoplePredictor(own, again.clip, seed, people) if isinstance(own, Bank) else PolicyPredictor(own, seed)
+        )
         return rolled_out(predictor, again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
 
     return simulate
