@@ -68,6 +68,7 @@ def test_weights_keep_their_spread_in_the_file_and_are_rolled_out_often(weights:
     assert again.network.vehicle_spread == SPREAD
     onsets = find_onsets(load_corpus(["right_turns/dev"])).take(np.arange(3))
     drawn, plain = policy(again, seed=0)(onsets), policy(weights, seed=0)(onsets)
-    assert drawn.shape[1] == ROLL_OUTS and plain.shape[1] == 1
+    assert drawn.shape[1] == ROLL_OUTS
+    assert plain.shape[1] == 1
     assert np.all(drawn[:, :, 0, -1].std(axis=1).sum(axis=-1) > 0.3)  # the cars' last positions [m]
     np.testing.assert_array_equal(policy(again, seed=0)(onsets), drawn)
