@@ -9,7 +9,6 @@ from vpsci_ros.policy.bank import SLOWEST, Bank, situations_of, source_of
 from vpsci_ros.policy.choice import ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.policy_file import Policy
-from vpsci_ros.policy.spread import own_acceleration
 from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import CRITICAL_TTC
@@ -78,21 +77,17 @@ class RepeatVelocity:
 
 
 class PolicyPredictor:
-    """Both actors of a weights file, run by the nodes' streaming code.
-
-    :param seed: of the vehicle's acceleration of its own (`vpsci_ros.policy.spread`), row i drawn as episode i of
-        scenario 0; None: without it, the reaction that is most likely.
-    """
+    """Both actors of a weights file, run by the nodes' streaming code."""
 
     tracked_steps = 0  # speeds as recorded, as they have learned
 
-    def __init__(self, weights: Weights, seed: int | None = None) -> None:
-        self._weights, self._seed = weights, seed
+    def __init__(self, weights: Weights) -> None:
+        self._weights = weights
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""
         self._actors = [actor_at_work(self._weights.actor(agent), count) for agent in AGENTS]
-        self._begun, self._steps = np.zeros(count, bool), np.full(count, -1)
+        self._begun = np.zeros(count, bool)
 
     def act(
         self,
@@ -104,17 +99,10 @@ class PolicyPredictor:
         """See `Predictor.act`."""
         reset = active & ~self._begun
         self._begun |= active
-        self._steps += active
-        actions = (
+        return (
             self._actors[0].step(vehicle, curvttc, reset, active),
             self._actors[1].step(pedestrian, curvttc, reset, active),
         )
-        spread = self._weights.network.vehicle_spread
-        if self._seed is None or not spread:
-            return actions
-        own = own_acceleration(self._seed, 0, np.arange(len(active)), self._steps, spread)
-        limit = self._weights.network.action_limit
-        return np.clip(actions[0] + own, -limit, limit), actions[1]
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
         """See `Predictor.executed`."""

@@ -20,7 +20,6 @@ from vpsci_ros.evaluation.scene import SHARPEST_TURN, scene_at
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
-from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
@@ -49,18 +48,16 @@ def tracked(onsets: Onsets) -> Floats:
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
-    """Return a policy as a simulator; K = 1 for networks without `vehicle_spread`, which are deterministic.
+    """Return a policy as a simulator; K = 1 for networks, which are deterministic.
 
     :param people: of a bank, whose reactions act, see `PeoplePredictor`.
     """
 
     def simulate(onsets: Onsets) -> Floats:
-        if isinstance(own, Weights) and not own.network.vehicle_spread:
+        if not isinstance(own, Bank):
             return rolled_out(PolicyPredictor(own), onsets)
         again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
-        predictor: Predictor = (
-            PeoplePredictor(own, again.clip, seed, people) if isinstance(own, Bank) else PolicyPredictor(own, seed)
-        )
+        predictor = PeoplePredictor(own, again.clip, seed, people)
         return rolled_out(predictor, again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
 
     return simulate

@@ -14,7 +14,6 @@ from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.histories import Histories
 from vpsci_ros.policy.people import PeopleAtWork
 from vpsci_ros.policy.policy_file import Policy, require_source
-from vpsci_ros.policy.spread import own_acceleration
 from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
@@ -134,7 +133,6 @@ class NetworkAtWork:
 
     def __init__(self, weights: Weights, agent: int, capacity: int) -> None:
         self._agent, self._limit = agent, weights.network.action_limit
-        self._spread = weights.network.vehicle_spread if agent == 0 else 0.0
         self._actor = actor_at_work(weights, capacity)
         self._histories = Histories(capacity)
 
@@ -156,12 +154,10 @@ class NetworkAtWork:
         self._actor.executed(self._histories.done[self._agent], self._histories.driven)
         seen = observation.observe(state, steps)[self._agent]
         action = self._actor.step(seen, assessment.curvttc, begins, steps)
-        which = state["scenario"], state["episode"], self._histories.step
         if explore is not None:
-            action = action + exploration_noise(seed, *which, self._agent, explore, self._limit)
-        if self._spread:
-            action = action + own_acceleration(seed, *which, self._spread)
-        action = np.clip(action, -self._limit, self._limit)
+            which = state["scenario"], state["episode"], self._histories.step
+            noise = exploration_noise(seed, *which, self._agent, explore, self._limit)
+            action = np.clip(action + noise, -self._limit, self._limit)
         action = np.where(active[:, None], action, 0).astype(np.float32)
         self._actor.executed(action, active)
         return action

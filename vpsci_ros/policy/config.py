@@ -16,7 +16,7 @@ LEARNED = "learned"  # the agent that acts by weights
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Shape of the actors and critics (Table 8), and how much chance there is in the vehicle's."""
+    """Shape of the actors and critics (Table 8)."""
 
     encoder: str = parameter(
         SST,
@@ -29,14 +29,6 @@ class NetworkConfig:
     attention_window: int = constant(10, "steps that attention looks back over, this one included", low=1, high=64)
     risk_input: bool = parameter(
         False, "CurvTTC's risk is also an input of the networks; false: it only gates their attention"
-    )
-    vehicle_spread: float = parameter(
-        0.0,
-        "standard deviation of an acceleration of its own with which a vehicle meets a pedestrian, drawn by episode "
-        "and fading within seconds; not in the paper; 0: always the same reaction to the same situation",
-        unit="m/s2",
-        low=0.0,
-        high=5.0,
     )
     action_limit: float = constant(
         5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0

@@ -20,7 +20,6 @@ STREAM_SPAWN = 0  # where an episode begins
 STREAM_EXPLORATION = 1  # add the policy step shifted left by 8, so that each step is a stream of its own
 STREAM_KIND = 2  # of which kind a pedestrian is
 STREAM_CROWD = 3  # how many pedestrians there are, and what each is to the first
-STREAM_SPREAD = 4  # the acceleration of its own with which a vehicle meets a pedestrian
 STREAM_PERCEPTION = 20  # errors of the objects that a driving system gets; add the frame shifted left by 8
 STREAM_REACTION = 21  # which recorded reaction is lent; add the frame shifted left by 8
 
