@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import from_table
+from vpsci_ros.data.interactions import from_rows
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, units_of
 from vpsci_ros.policy.make_bank import LEAST, actions_of, fitted
@@ -47,17 +47,16 @@ def with_interval(values: Floats, units: NDArray[np.str_]) -> str:
 
 def print_place(name: str) -> None:
     """Print the rows of one near-miss table."""
-    recorded = from_table(read_near_misses(name), whole_tracks=True)
-    motion = fitted(recorded)
-    done, speed = actions_of(motion)[..., 0], np.hypot(motion.motion[..., 3], motion.motion[..., 4])
-    rows = np.flatnonzero(recorded.first <= recorded.length - 1 - LEAST)
-    begin = recorded.first[rows]
-    units, fast = units_of(recorded.clip[rows], recorded.group[rows]), speed[rows, begin]
+    recorded = from_rows(read_near_misses(name))
+    recorded = recorded.take(np.flatnonzero(recorded.first <= recorded.length - 1 - LEAST))
+    units, begin = units_of(recorded.clip, recorded.group), recorded.first
     print(f"{name}: intervals by {units.text}")
-    tracks = zip(rows, begin, recorded.length[rows], strict=True)
-    first = np.array([first_to_go(recorded.motion[i, at:end]) for i, at, end in tracks])
-    steps = begin[:, None] + np.arange(LEAST)
-    braking = done[rows[:, None], steps].reshape(len(rows), -1, SECOND).mean(axis=2)
+    tracks = [motion[:end] for motion, end in zip(recorded.motion, recorded.length, strict=True)]
+    first = np.array([first_to_go(track[at:]) for track, at in zip(tracks, begin, strict=True)])
+    fits = [fitted(track) for track in tracks]
+    fast = np.array([np.hypot(*fit[at, 3:5]) for fit, at in zip(fits, begin, strict=True)])
+    done = np.stack([actions_of(fit)[at : at + LEAST, 0] for fit, at in zip(fits, begin, strict=True)])
+    braking = done.reshape(len(done), -1, SECOND).mean(axis=2)
     for low, high in SPEEDS:
         inside = (fast >= low) & (fast < high)
         held = with_interval((first == "pedestrian")[inside].astype(np.float64), units.labels[inside])

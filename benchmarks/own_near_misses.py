@@ -27,8 +27,8 @@ from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import policy, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.extras.paper.realism.controls import residual_sampler
-from vpsci_ros.policy.bank import Bank, describe, situations_of
-from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables
+from vpsci_ros.policy.bank import Bank, describe
+from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables, situations_in_track
 from vpsci_ros.policy.policy_file import load_policy
 
 NEAR = 16  # situations by which sources are compared
@@ -126,9 +126,8 @@ def nearer_source(bank: Bank, onsets: Onsets) -> NDArray[np.str_]:
 
     Features are compared in the mean of the sources' standard deviations.
     """
-    rows, first = np.arange(len(onsets)), onsets.interactions.first
-    trends = (trend[rows, first] for trend in onsets.interactions.trends())
-    seen, _ = describe(situations_of(onsets.interactions.observation["vehicle"][rows, first], *trends))
+    until = zip(onsets.interactions.motion, onsets.interactions.first, strict=True)
+    seen, _ = describe(np.stack([situations_in_track(motion[: at + 1])[-1] for motion, at in until]))
     scale = np.mean([own.scale for own in bank.reactions.values()], axis=0)
     gaps = []
     for own in bank.reactions.values():

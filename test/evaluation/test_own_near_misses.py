@@ -49,7 +49,8 @@ def test_a_draw_is_of_whole_clips_but_the_last_and_of_as_many_near_misses_as_ask
 
 def test_the_source_whose_moments_are_nearer_is_chosen(benchmark: ModuleType, table: pl.DataFrame) -> None:
     onsets = find_onsets(table)
-    own = reactions_of(onsets.interactions)
+    motion, first = onsets.interactions.motion, onsets.interactions.first
+    own = reactions_of([track[:end] for track, end in zip(motion, onsets.interactions.length, strict=True)], first)
     assert own is not None
     away = own._replace(features=own.features + 100.0)
     assert set(benchmark.nearer_source(Bank({"away": away, "here": own}), onsets)) == {"here"}

@@ -8,8 +8,7 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.cli.people import people
-from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
+from vpsci_ros.data.near_misses import MOTION, read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.bank import (
@@ -30,7 +29,7 @@ from vpsci_ros.policy.make_bank import FEW, FOREIGN, LEAST, actions_of, bank_of_
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
 from vpsci_ros.policy.policy_file import load_policy, policy_from_bytes
 from vpsci_ros.policy.tensor_file import tensors_to_bytes
-from vpsci_ros.safety import clearance
+from vpsci_ros.safety import CRITICAL_TTC, clearance
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -228,14 +227,16 @@ def test_a_bank_of_one_place_with_another_keeps_its_name_and_counts_the_other_as
 
 def test_standard_deviations_and_slopes_are_the_more_of_ones_own_the_more_onsets_there_are() -> None:
     table = synthetic_near_misses(interactions=24, seed=3).table
-    interactions = from_table(table, whole_tracks=True)
-    foreign = np.arange(len(interactions)) >= 16
-    own = int((~foreign & (interactions.first <= interactions.length - 1 - LEAST)).sum())
+    parts = table.partition_by("interaction", maintain_order=True)
+    tracks = [part.select(MOTION).to_numpy() for part in parts]
+    first = np.array([(part["curvttc"] < CRITICAL_TTC).arg_max() for part in parts])
+    foreign = np.arange(len(tracks)) >= 16
+    own = sum(int(at) + LEAST < len(track) for track, at in zip(tracks[:16], first[:16], strict=True))
     alone, every, both, none = (
-        reactions_of(interactions.take(np.flatnonzero(~foreign))),
-        reactions_of(interactions),
-        reactions_of(interactions, foreign),
-        reactions_of(interactions, np.zeros(len(interactions), bool)),
+        reactions_of(tracks[:16], first[:16]),
+        reactions_of(tracks, first),
+        reactions_of(tracks, first, foreign),
+        reactions_of(tracks, first, np.zeros(len(tracks), bool)),
     )
     assert alone is not None
     assert every is not None
@@ -274,11 +275,11 @@ def test_the_command_lists_a_bank_and_what_it_cannot_do_is_refused(
 
 def test_recorded_actions_lead_along_the_recorded_way() -> None:
     table = read_near_misses("right_turns/train")
-    interactions = from_table(table.filter(table["interaction"].is_in(table["interaction"].unique()[:20])), True)
-    fit = fitted(interactions)
-    gap = np.hypot(*(fit.motion[..., :2] - interactions.motion[..., :2]).reshape(-1, 2).T)
+    tracks = [part.select(MOTION).to_numpy() for part in table.partition_by("interaction", maintain_order=True)[:20]]
+    fits = [fitted(track) for track in tracks]
+    gap = np.concatenate([np.hypot(*(fit - track)[:, :2].T) for fit, track in zip(fits, tracks, strict=True)])
     assert np.quantile(gap, 0.95) < 0.05  # [m]; noise of the positions is 1 to 2 cm
-    assert np.abs(actions_of(fit)[..., 0]).max() < 6.0
+    assert max(np.abs(actions_of(fit)[:, 0]).max() for fit in fits) < 6.0
 
 
 def test_the_shipped_bank_knows_right_turns_and_the_campus_and_holds_no_clip_to_measure_on() -> None:

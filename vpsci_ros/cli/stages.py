@@ -10,8 +10,7 @@ from rich.console import Console
 
 from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
-from vpsci_ros.data.interactions import table_hash
-from vpsci_ros.data.near_misses import corpus_files, read_near_misses
+from vpsci_ros.data.near_misses import corpus_files, read_near_misses, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.evaluation.errors import evaluate

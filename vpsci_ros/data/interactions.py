@@ -1,6 +1,5 @@
 """Recorded near misses as padded arrays: observations, actions and next velocities of each agent and step."""
 
-import hashlib
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -8,12 +7,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.reference import around_critical, trailing_slope
+from vpsci_ros.data.near_misses import MOTION
+from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame, observe_arrays
-
-_MOTION = ("veh_x", "veh_y", "veh_heading", "veh_vx", "veh_vy", "ped_x", "ped_y", "ped_vx", "ped_vy")
 
 _ByAgent = dict[str, NDArray[np.float32]]
 
@@ -78,27 +76,17 @@ class Interactions:
         seen = {agent: self.observation[agent][self.present] for agent in AGENTS}
         return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
 
-    def trends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the vehicle's acceleration [m/s2] and yaw rate [rad/s] by the 0.4 s before, float64[N, T] each."""
-        trends = np.zeros((2, *self.motion.shape[:2]))
-        speed = np.hypot(self.motion[..., 3], self.motion[..., 4])
-        for out, values in zip(trends, (speed, self.motion[..., 2]), strict=True):
-            for row, value, length in zip(out, values, self.length, strict=True):
-                row[:length] = trailing_slope(value[:length])
-        return trends[0], trends[1]
-
     def take(self, rows: NDArray[np.int64]) -> "Interactions":
         """Return the interactions `rows`, in that order."""
         return Interactions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
-def from_table(table: pl.DataFrame, whole_tracks: bool = False) -> Interactions:
+def from_table(table: pl.DataFrame) -> Interactions:
     """Build `Interactions` from a near-miss table, of the rows that `vpsci_ros.data.reference.around_critical` takes.
 
-    :param whole_tracks: of all rows instead.
     :raises InvalidInput: no interaction of at least two steps.
     """
-    rows = (table if whole_tracks else around_critical(table)).filter(pl.len().over("interaction") >= 2)
+    rows = around_critical(table).filter(pl.len().over("interaction") >= 2)
     if rows.is_empty():
         raise InvalidInput("near misses: expected an interaction of at least two steps, got none; import recordings")
     return from_rows(rows)
@@ -112,8 +100,8 @@ def from_rows(rows: pl.DataFrame, curvttc_column: str = "curvttc") -> Interactio
     length = rows["interaction"].rle().struct.field("len").to_numpy().astype(np.int64)
     begin = np.cumsum(length) - length
     at = np.repeat(np.arange(len(length)), length), np.arange(rows.height) - np.repeat(begin, length)
-    motion, curvttc = np.zeros((len(length), length.max(), len(_MOTION))), np.full((len(length), length.max()), np.inf)
-    motion[at], curvttc[at] = rows.select(_MOTION).to_numpy(), rows[curvttc_column].to_numpy()
+    motion, curvttc = np.zeros((len(length), length.max(), len(MOTION))), np.full((len(length), length.max()), np.inf)
+    motion[at], curvttc[at] = rows.select(MOTION).to_numpy(), rows[curvttc_column].to_numpy()
     critical = curvttc < CRITICAL_TTC
     last = critical.shape[1] - 1 - critical[:, ::-1].argmax(axis=1)
     firsts = rows[begin.tolist()]
@@ -138,11 +126,3 @@ def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tup
         actions[agent] = (change / STEP).astype(np.float32)
         next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
     return observations, actions, next_velocities
-
-
-def table_hash(table: pl.DataFrame) -> str:
-    """Return the SHA-256 of the rows and columns that a training reads, in hexadecimal."""
-    table, digest = around_critical(table), hashlib.sha256()
-    for name in ("interaction", "source", "clip", *_MOTION, "curvttc"):
-        digest.update("\0".join(table[name].cast(pl.String)).encode())
-    return digest.hexdigest()

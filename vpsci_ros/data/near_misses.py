@@ -17,7 +17,7 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
-from vpsci_ros.data.reference import AFTER, completed
+from vpsci_ros.data.reference import AFTER, around_critical, completed
 from vpsci_ros.documents import listed, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
@@ -55,6 +55,7 @@ NEAR_MISS_COLUMNS: dict[str, Column] = {
     "veh_length": Column(pl.Float64, "m", "length of the vehicle"),
     "veh_width": Column(pl.Float64, "m", "width of the vehicle"),
 }
+MOTION = ("veh_x", "veh_y", "veh_heading", "veh_vx", "veh_vy", "ped_x", "ped_y", "ped_vx", "ped_vy")  # of both agents
 WORKED_OUT = ("curvttc_causal", "standing", "begins_critical", "contact")  # where a table does not have them
 DERIVED = ("apart", "group", "veh_name", "ped_name", "veh_length", "veh_width")  # likewise, without a warning
 _WHAT = "a near-miss table"
@@ -356,6 +357,14 @@ def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.Data
 def place_of(seed: int, source: str, clip: str) -> str:
     """Return the hash by which clips are sorted."""
     return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()
+
+
+def table_hash(table: pl.DataFrame) -> str:
+    """Return the SHA-256 of the rows and columns that a training reads, in hexadecimal."""
+    table, digest = around_critical(table), hashlib.sha256()
+    for name in ("interaction", "source", "clip", *MOTION, "curvttc"):
+        digest.update("\0".join(table[name].cast(pl.String)).encode())
+    return digest.hexdigest()
 
 
 def corpus_files(names: Sequence[str | Path]) -> list[Path]:

@@ -11,8 +11,8 @@ import numpy as np
 import polars as pl
 import torch
 
-from vpsci_ros.data.interactions import from_table, table_hash
-from vpsci_ros.data.near_misses import clips_of, split_by_clip, split_by_name
+from vpsci_ros.data.interactions import from_table
+from vpsci_ros.data.near_misses import clips_of, split_by_clip, split_by_name, table_hash
 from vpsci_ros.errors import Stopped
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint

@@ -16,8 +16,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import from_table, table_hash
-from vpsci_ros.data.near_misses import clips_of
+from vpsci_ros.data.interactions import from_table
+from vpsci_ros.data.near_misses import clips_of, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler

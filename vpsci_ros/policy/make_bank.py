@@ -1,11 +1,13 @@
 """Make a bank of recorded reactions from near misses, in seconds.
 
+A *track* here is the recorded motion of both agents of a near miss, float64[T, 9], a row for each step of 0.1 s with
+the columns `MOTION` of its table.
+
 Recorded accelerations are those of the motion that passes nearest to the recorded positions, with little jerk:
 differences of published speeds neither lead along these positions, nor are they free of noise.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,8 +16,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import Interactions, from_table, table_hash
-from vpsci_ros.data.near_misses import clips_of, concat_near_misses, read_near_misses, split_by_name
+from vpsci_ros.data.near_misses import (
+    MOTION,
+    clips_of,
+    concat_near_misses,
+    read_near_misses,
+    split_by_name,
+    table_hash,
+)
+from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import (
     ACTIONS,
@@ -30,7 +39,8 @@ from vpsci_ros.policy.bank import (
     source_of,
 )
 from vpsci_ros.policy.onset_range import onsets_of, range_of
-from vpsci_ros.world.observation import STEP
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.observation import STEP, arrays_to_heading_frame, observe_arrays
 
 EVERY = 10  # steps from one situation of a track to the next, 1 s
 SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no situations
@@ -55,80 +65,96 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     elsewhere = [read_near_misses(name) for name in others]
     table = concat_near_misses([*map(read_near_misses, names), *elsewhere])
     table, held_out = split_by_name(table, without, "--without") if without else (table, table.head(0))
-    interactions = from_table(table, whole_tracks=True)
-    of = np.array([source_of(clip) for clip in interactions.clip])
+    parts = [part for part in table.partition_by("interaction", maintain_order=True) if part.height > 1]
+    tracks = [part.select(MOTION).to_numpy() for part in parts]
+    first = np.array([(part["curvttc"] < CRITICAL_TTC).arg_max() for part in parts], np.int64)
+    sources = np.array([source_of(part["source"][0]) for part in parts])
     foreign = {source_of(source) for other in elsewhere for source in other["source"].unique()}
-    own = [name for name in dict.fromkeys(of.tolist()) if name not in foreign]
-    if not own:
+    own = [name for name in dict.fromkeys(sources.tolist()) if name not in foreign]
+    if foreign and not own:
         raise InvalidInput(f"--with {', '.join(map(str, others))}: expected another source than {', '.join(foreign)}")
-    borrowed = np.isin(of, sorted(foreign))
-    made = {}
+    borrowed = np.isin(sources, sorted(foreign))
+    people = {}
     for name in own:
-        rows = np.flatnonzero((of == name) | borrowed)
-        made[name] = reactions_of(interactions.take(rows), borrowed[rows])
-    people = {name: reactions for name, reactions in made.items() if reactions is not None}
+        rows = np.flatnonzero((sources == name) | borrowed)
+        reactions = reactions_of([tracks[row] for row in rows], first[rows], borrowed[rows])
+        if reactions is not None:
+            people[name] = reactions
     if not people:
         raise InvalidInput(
             f"near misses: expected one with {LEAST * STEP:g} s recorded after its onset, got none in "
             f"{', '.join(map(str, names))}; import the recordings again, for whole tracks"
         )
     facts: dict[str, Any] = {
-        "interactions": len(interactions),
-        "clips": len(set(interactions.clip)),
+        "interactions": len(parts),
+        "clips": len({(part["source"][0], part["clip"][0]) for part in parts}),
         "sha256": table_hash(table),
         "held_out_clips": clips_of(held_out),
     }
     return Bank(people, {"data": facts})
 
 
-def reactions_of(interactions: Interactions, foreign: NDArray[np.bool_] | None = None) -> Reactions | None:
-    """Return the reactions of whole tracks of one source; None if no onset has 3 s after it.
+def reactions_of(
+    tracks: Sequence[Floats], first: NDArray[np.int64], foreign: NDArray[np.bool_] | None = None
+) -> Reactions | None:
+    """Return the reactions of N tracks of one source; None if no onset has 3 s after it.
 
-    :param foreign: bool[N], the interaction is of another place: each of its situations counts as `FOREIGN`
-        further away.
+    :param tracks: float64[T, 9] each, of two steps or more.
+    :param first: int64[N], the step of the onset.
+    :param foreign: bool[N], the track is of another place: each of its situations counts as `FOREIGN` further away.
         Standard deviations and slopes are means of those of all onsets and of one's own alone, see `FEW`.
     """
-    done, known = actions_of(fitted(interactions)), interactions.length - 1
-    onsets = np.flatnonzero(interactions.first <= known - LEAST)
+    known = np.array([len(track) - 1 for track in tracks])  # steps whose actions are known
+    onsets = np.flatnonzero(first <= known - LEAST)
     if len(onsets) == 0:
         return None
-    row, at = [onsets], [interactions.first[onsets]]
-    for number, end in enumerate(known):
-        at.append(np.arange(SETTLED, end - LEAST + 1, EVERY))
-        row.append(np.full(len(at[-1]), number))
-    rows, steps = np.concatenate(row), np.concatenate(at)
-    situations = situations_of(interactions.observation["vehicle"], *interactions.trends())
-    situations = situations[rows, steps]
+    count, regular = len(onsets), [np.arange(SETTLED, end - LEAST + 1, EVERY) for end in known]
+    rows = np.concatenate([onsets, np.repeat(np.arange(len(tracks)), [len(steps) for steps in regular])])
+    at = np.concatenate([first[onsets], *regular])
+    situations = np.concatenate([situations_in_track(track) for track in tracks])
+    situations = situations[(np.cumsum(known + 1) - known - 1)[rows] + at]
     features, side = describe(situations)
-    begun, count = features[: len(onsets)], len(onsets)
-    relative = _relative(done[onsets], begun[:, 0])
-    scale, slope = _fit_onsets(begun, relative, steps[:count], side[:count])
+    steps, ends = np.concatenate([actions_of(fitted(track)) for track in tracks]), np.cumsum(known)
+    begin = (ends - known)[rows] + at
+    begun = features[:count]
+    relative = _relative(steps[begin[:count, None] + np.arange(LEAST)], begun[:, 0])
+    scale, slope = _fit_onsets(begun, relative, side[:count])
     own = np.zeros(0, np.int64) if foreign is None else np.flatnonzero(~foreign[onsets])
     if len(own):
-        parts = _fit_onsets(begun[own], relative[own], steps[own], side[own])
+        parts = _fit_onsets(begun[own], relative[own], side[own])
         share = len(own) / (len(own) + FEW)
         raw = share * parts[1] / parts[0][:, None, None] + (1.0 - share) * slope / scale[:, None, None]
         scale = np.sqrt(share * parts[0] ** 2 + (1.0 - share) * scale**2)
         slope = raw * scale[:, None, None]
-    offset = np.concatenate([[0], np.cumsum(known)])
     return Reactions(
         features=np.ascontiguousarray((features / scale).T),
         scale=scale,
         side=side,
-        begin=offset[rows] + steps,
-        end=offset[rows + 1],
-        steps=np.concatenate([track[:end] for track, end in zip(done, known, strict=True)]),
+        begin=begin,
+        end=ends[rows],
+        steps=steps,
         slope=slope,
         reach=range_of(onsets_of(situations[:count])),
         far=np.zeros(len(rows)) if foreign is None else np.where(foreign[rows], FOREIGN**2, 0.0),
     )
 
 
-def actions_of(interactions: Interactions) -> Floats:
-    """Return the actions of both agents at each step, float64[N, T, 4], see `bank.ACTIONS`."""
-    done = np.concatenate([interactions.action[agent] for agent in ("vehicle", "pedestrian")], axis=2, dtype=np.float64)
-    speed = np.maximum(np.hypot(interactions.motion[..., 3], interactions.motion[..., 4]), SLOWEST)
-    done[..., 1] /= speed * speed
+def situations_in_track(track: Floats) -> Floats:
+    """Return the situation at each step of a track, float64[T, 9] -> float64[T, 7]; see `bank.situations_of`.
+
+    Acceleration and yaw rate of the vehicle are slopes over the 0.4 s before.
+    """
+    seen, _ = observe_arrays(*track.T)
+    return situations_of(seen, trailing_slope(np.hypot(track[:, 3], track[:, 4])), trailing_slope(track[:, 2]))
+
+
+def actions_of(track: Floats) -> Floats:
+    """Return the actions of both agents at each step of a track but the last, float64[T - 1, 4], see `bank.ACTIONS`."""
+    heading, velocities = track[:-1, 2], (track[:, 3:5], track[:, 7:9])
+    changes = [arrays_to_heading_frame(heading, np.diff(velocity, axis=0)) for velocity in velocities]
+    done = (np.concatenate(changes, axis=1) / STEP).astype(np.float32).astype(np.float64)  # as a training reads them
+    speed = np.maximum(np.hypot(track[:-1, 3], track[:-1, 4]), SLOWEST)
+    done[:, 1] /= speed * speed
     return done
 
 
@@ -140,21 +166,23 @@ def _relative(done: Floats, speed: Floats) -> Floats:
     return out
 
 
-def _fit_onsets(begun: Floats, relative: Floats, at: NDArray[np.int64], side: Floats) -> tuple[Floats, Floats]:
+def _fit_onsets(begun: Floats, relative: Floats, side: Floats) -> tuple[Floats, Floats]:
     """Return standard deviations of the features of n onsets, float64[8], and slopes by features so divided.
 
     :param begun: float64[n, 8]; the others as in `_slopes`.
     """
     scale = np.maximum(begun.std(axis=0), 1e-3)
-    return scale, _slopes(begun / scale, relative, at, side)
+    return scale, _slopes(begun / scale, relative, side)
 
 
-def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], side: Floats) -> Floats:
-    """Return `Reactions.slope`, float64[8, 3, 4]: ridge regressions of what was done in each second after n onsets."""
+def _slopes(features: Floats, done: Floats, side: Floats) -> Floats:
+    """Return `Reactions.slope`, float64[8, 3, 4]: ridge regressions of what was done in each second after n onsets.
+
+    :param done: float64[n, 30, 4], the actions from the onset on.
+    """
     out = np.zeros((FEATURES, SECONDS, ACTIONS))
     for second in range(SECONDS):
-        steps = at[:, None] + second * SECOND + np.arange(SECOND)
-        action = np.take_along_axis(done, steps[..., None], axis=1).mean(axis=1)
+        action = done[:, second * SECOND : (second + 1) * SECOND].mean(axis=1)
         action[:, 1::2] *= side[:, None]
         x, y = features - features.mean(axis=0), action - action.mean(axis=0)
         normal = np.einsum("ni,nj->ij", x, x) + RIDGE * len(x) * np.eye(FEATURES)
@@ -162,25 +190,21 @@ def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], side: Floats)
     return out
 
 
-def fitted(interactions: Interactions) -> Interactions:
-    """Return interactions with the motion fitted to the recorded positions, and its accelerations.
+def fitted(track: Floats) -> Floats:
+    """Return a track, float64[T, 9], with the motion fitted to the recorded positions.
 
     The vehicle moves along its heading and does not roll backwards.
     """
-    motion = interactions.motion.copy()
-    for row, length in enumerate(interactions.length):
-        own = motion[row, :length]
-        velocity, position = _fit(int(length))
-        recorded_heading = own[:, 2].copy()
-        for place, speed in ((0, 3), (5, 7)):
-            recorded = own[:, place : place + 2].copy()
-            own[:, speed : speed + 2] = np.einsum("ts,sk->tk", velocity, recorded)
-            own[:, place : place + 2] = np.einsum("ts,sk->tk", position, recorded)
-        own[:, 2] = _headings(recorded_heading, own[:, 3:5])
-        c, s = np.cos(own[:, 2]), np.sin(own[:, 2])
-        along = np.maximum(c * own[:, 3] + s * own[:, 4], 0.0)
-        own[:, 3], own[:, 4] = along * c, along * s
-    return replace(interactions, motion=motion)
+    out, (velocity, position) = track.copy(), _fit(len(track))
+    for place, speed in ((0, 3), (5, 7)):
+        recorded = track[:, place : place + 2].copy()
+        out[:, speed : speed + 2] = np.einsum("ts,sk->tk", velocity, recorded)
+        out[:, place : place + 2] = np.einsum("ts,sk->tk", position, recorded)
+    out[:, 2] = _headings(track[:, 2], out[:, 3:5])
+    c, s = np.cos(out[:, 2]), np.sin(out[:, 2])
+    along = np.maximum(c * out[:, 3] + s * out[:, 4], 0.0)
+    out[:, 3], out[:, 4] = along * c, along * s
+    return out
 
 
 def _headings(recorded_heading: Floats, velocity: Floats) -> Floats:

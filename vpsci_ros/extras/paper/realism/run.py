@@ -15,8 +15,7 @@ from rich.console import Console
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.interactions import table_hash
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import read_near_misses, table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets

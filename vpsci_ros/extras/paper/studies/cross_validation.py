@@ -11,7 +11,7 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.interactions import table_hash
+from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.evaluation.errors import compare
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure

@@ -14,8 +14,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import Interactions, from_table, table_hash
-from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.data.interactions import Interactions, from_table
+from vpsci_ros.data.near_misses import split_by_clip, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals

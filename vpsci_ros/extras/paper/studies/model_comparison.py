@@ -13,7 +13,8 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.interactions import from_table, table_hash
+from vpsci_ros.data.interactions import from_table
+from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.studies.cross_validation import GUARD
 from vpsci_ros.extras.paper.studies.folds import held_out_folds
