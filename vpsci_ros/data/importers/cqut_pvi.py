@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 from scipy.linalg import solveh_banded
 
-from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_text, require_columns
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_csv, require_columns
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
@@ -102,7 +102,7 @@ CQUT_PVI = Importer(read_folder, length=4.5, width=1.8)
 def _read_index(path: Path) -> pl.DataFrame:
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected {INDEX} (file, event, clip, part) beside the recordings")
-    table = read_text(path)
+    table = read_csv(path)
     require_columns(table, ("file", "event", "clip", "part"), path)
     odd = table.filter(~pl.col("part").is_in(PARTS))
     if odd.height:

@@ -38,8 +38,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import LINE, WHOLE, Clip, Importer, require_columns, require_source
+from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of
+from vpsci_ros.data.importers.tracks import LINE, WHOLE, Clip, Importer, read_csv, require_columns, require_source
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import listed, read_yaml, reason, require_form, shown
@@ -98,7 +98,7 @@ def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
         scaled = [replace(layout, metres=scales[file]) for layout in layouts]
         for part, table, left_out in _clips(file, values, layouts):
             parts = [_readable(f"{name}{part}", file, _rows_of(table, values, each), each) for each in scaled]
-            clip = _without_jumps(_merged(parts)).with_size(*size).without_faster(float(values["fastest"]))
+            clip = _without_heading_jumps(_merged(parts)).with_size(*size).without_faster(float(values["fastest"]))
             yield replace(clip, left_out={**clip.left_out, **left_out})
             seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
     layout = layouts[0]
@@ -309,7 +309,7 @@ def _readable(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Cli
         )
 
 
-def _without_jumps(clip: Clip) -> Clip:
+def _without_heading_jumps(clip: Clip) -> Clip:
     good = [track for track in clip.vehicles if not (np.abs(np.diff(track.values["heading"])) >= TURN_LIMIT).any()]
     left_out = {**clip.left_out, "vehicles whose heading jumps": len(clip.vehicles) - len(good)}
     return replace(clip, vehicles=good, left_out=left_out)

@@ -26,7 +26,6 @@ from vpsci_ros.data.importers.tracks import (
     Floats,
     Track,
     longest_gap,
-    read_text,
     require_columns,
     resample,
     slope,
@@ -83,19 +82,6 @@ class Layout:
             object.__setattr__(self, name, frozenset(value.lower() for value in getattr(self, name)))
 
 
-def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
-    """Return a CSV file as text.
-
-    :param header: the first line has the names of columns; without it they are called 1, 2, and so on.
-
-    :raises InvalidInput: it cannot be read, or is empty.
-    """
-    text = read_text(path, delimiter, header=header)
-    if text.is_empty():
-        raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
-    return text
-
-
 def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Clip:
     """Return a clip made of one table or several, by file.
 
@@ -112,7 +98,7 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     ) -> Iterator[Track]:
         (tracks, names), rate = rows, _rate(layout)
         gap = longest_gap(tracks, rate, path)
-        tracks, jumps = _without_jumps(tracks, rate, fastest)
+        tracks, jumps = _without_fast_rows(tracks, rate, fastest)
         left_out[f"speeds of {whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
         left_out[GAPS] += spaces(tracks, rate).filter(pl.col("seconds") > gap).height
         if gap > MAX_GAP:
@@ -316,7 +302,7 @@ def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
     return forward, cars.height - forward.height
 
 
-def _without_jumps(tracks: pl.DataFrame, rate: float, fastest: float) -> tuple[pl.DataFrame, int]:
+def _without_fast_rows(tracks: pl.DataFrame, rate: float, fastest: float) -> tuple[pl.DataFrame, int]:
     """Return the rows without those of a higher speed than `fastest` [m/s], and how many these and the jumps are.
 
     A jump is a step between two rows of a road user that takes a higher speed.

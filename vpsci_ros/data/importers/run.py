@@ -65,7 +65,7 @@ def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastes
     :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
     """
     results = [import_trajectories(folder, form, fastest) for folder, form in _with_formats(folders, formats)]
-    results = told_apart([Path(folder) for folder in folders], results)
+    results = with_unique_clip_names([Path(folder) for folder in folders], results)
     table = concat_near_misses([result.table for result in results])
     by_source: dict[str, list[SourceSummary]] = {}
     for result in results:
@@ -87,7 +87,7 @@ def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list
     return [(Path(folder), form) for folder, form in zip(folders, forms, strict=True)]
 
 
-def told_apart(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
+def with_unique_clip_names(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
     """Return imports of folders with unique clip names.
 
     Where two folders of one format have a clip of one name, all clips of this format have their folder before their

@@ -122,14 +122,14 @@ def median_speed(pedestrian: Track) -> float:
     return float(np.median(speed[speed > _WALKS])) if (speed > _WALKS).any() else 0.0
 
 
-def read_text(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
+def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
     """Return a CSV file with every value as text, without a byte order mark or similar marks.
 
     UTF-16 is known by its mark; a header without `delimiter` may have ";" or tabs, with which decimal commas are
     allowed; spaces around names and values go, and so does the ".0" that a table program adds to whole numbers.
 
     :param header: the first line has the names of columns; without it they are called 1, 2, and so on.
-    :raises InvalidInput: it cannot be read, or two columns have one name.
+    :raises InvalidInput: it cannot be read, has no row, or two columns have one name.
     """
     require_regular(path)
     try:
@@ -143,6 +143,8 @@ def read_text(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.Da
         table.columns = [name.strip() if header else str(i + 1) for i, name in enumerate(table.columns)]
     except (pl.exceptions.PolarsError, OSError, UnicodeError) as error:
         raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from error
+    if table.is_empty():
+        raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
     text = pl.all().str.strip_chars()
     if delimiter != ",":
         text = text.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import Clip, Importer
+from vpsci_ros.data.importers.layout import Layout, clip_of
+from vpsci_ros.data.importers.tracks import Clip, Importer, read_csv
 from vpsci_ros.errors import InvalidInput
 
 _VEHICLE_END = "_traj_veh_filtered.csv"

@@ -15,8 +15,8 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.described import described
-from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import Clip, Importer, Track, require_columns
+from vpsci_ros.data.importers.layout import Layout, clip_of
+from vpsci_ros.data.importers.tracks import Clip, Importer, Track, read_csv, require_columns
 from vpsci_ros.errors import InvalidInput
 
 _LAYOUTS = Path(__file__).resolve().parent / "layouts"

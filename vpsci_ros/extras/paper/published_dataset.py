@@ -17,8 +17,8 @@ import polars as pl
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.importers.layout import Layout, check_rate, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, require_columns
+from vpsci_ros.data.importers.layout import Layout, check_rate, clip_of
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_csv, require_columns
 from vpsci_ros.documents import read_yaml, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.published_tables import convert
