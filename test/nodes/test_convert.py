@@ -12,6 +12,7 @@ from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
 from vpsci_ros.wire.decoder import rewritten
+from vpsci_ros.wire.events import write_events
 from vpsci_ros.wire.header import WireHeader, padded
 from vpsci_ros.world import EPISODE, EVENT
 from vpsci_ros.world.perception import OBJECT
@@ -63,9 +64,13 @@ def test_ros_reads_what_a_node_writes_of_an_answer_and_writes_the_same(batch: in
     assert message.policy_version == 9
 
 
-def test_events_come_back_bit_for_bit() -> None:
-    events = random_records(EVENT, 4)
-    message = over_the_wire(convert.event_message(events, tick=2, period=0.05))
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_ros_reads_what_a_node_writes_of_events_and_writes_the_same(count: int) -> None:
+    events = random_records(EVENT, count)
+    data = write_events(events, WireHeader(3, 5, "map"), 2)
+    message = deserialize_message(data, EpisodeEvent)
+    assert data == rewritten("vpsci_msgs/msg/EpisodeEvent", serialize_message(message), "/episode/event")[1]
+    assert (message.tick, message.header.stamp.sec, message.header.frame_id) == (2, 3, "map")
     filled = [n for n, kind in EpisodeEvent.get_fields_and_field_types().items() if kind.startswith("sequence")]
     assert set(filled) == set(EVENT.names)
     for name in filled:

@@ -19,7 +19,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from vpsci_msgs.msg import EpisodeEvent, Transition
+from vpsci_msgs.msg import Transition
 from vpsci_ros.documents import parse_json, require_form
 from vpsci_ros.nodes.config import section_classes
 from vpsci_ros.nodes.status import NodeStatus
@@ -58,12 +58,6 @@ def stamp(tick: int, period: float) -> Time:
     """Return the simulated time [s] of a tick of `period` seconds."""
     header = tick_header(tick, period)
     return Time(sec=header.seconds, nanosec=header.nanoseconds)
-
-
-def event_message(events: Array, tick: int, period: float) -> EpisodeEvent:
-    """Return EVENT[n] records of one tick as a message."""
-    header = Header(stamp=stamp(tick, period), frame_id=MAP)
-    return filled(EpisodeEvent(header=header, tick=tick), layout.event_fields(events))
 
 
 def transition_message(rows: Array, tick: int, period: float) -> Transition:

@@ -19,7 +19,7 @@ from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.convert import parameters_in
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, speakers
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.decoder import describe, rewritten
+from vpsci_ros.wire.decoder import describe, parsed, rewritten
 from vpsci_ros.wire.header import stamp_of
 from vpsci_ros.wire.layout import EVENTS, TYPES
 from vpsci_ros.world import load_scenarios
@@ -27,7 +27,7 @@ from vpsci_ros.world.state import NO_EVENTS
 
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
 _AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
-"""Topics that come with zeros between their fields; the others are written once more: the same run, the same bag."""
+"""Topics that come with zeros between their fields, as events do; the others are written once more: the same bag."""
 
 
 class Recorder(GraphNode):
@@ -97,12 +97,15 @@ class Recorder(GraphNode):
         :raises InvalidInput: it has no stamp, or it is another program's and no message of its type, or ragged events.
         """
         at = stamp_of(topic, data)
+        if topic == EVENTS:
+            message = parsed(TOPICS[topic].type_name, data, topic)
+            return at, data, message.tick, layout.events(message)
         if topic in _AS_WRITTEN:
             return at, data, 0, NO_EVENTS
         message, data = rewritten(TOPICS[topic].type_name, data, topic)
         if topic == "/diagnostics":
             self._describe(parameters_in(message, self._unknown, self.frame_prefix))
-        return at, data, *((message.tick, layout.events(message)) if topic == EVENTS else (0, NO_EVENTS))
+        return at, data, 0, NO_EVENTS
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
@@ -151,7 +154,7 @@ def is_own(topic: str, data: bytes, prefix: str) -> bool:
     :raises InvalidInput: the bytes are no message.
     """
     if topic == "/diagnostics":
-        names = {status.name for status in rewritten(TOPICS[topic].type_name, data, topic)[0].status}
+        names = {status.name for status in parsed(TOPICS[topic].type_name, data, topic).status}
         return bool(names) and names <= {f"{prefix}{name}" for name in EXECUTABLES}
     vehicle = f"{prefix}vehicle/base_link".encode() + b"\0"  # every message of a graph's frames has it
     return struct.pack("<I", len(vehicle)) + vehicle in data

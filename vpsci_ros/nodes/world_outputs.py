@@ -9,6 +9,7 @@ from std_msgs.msg import String
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.resources import robot_description
+from vpsci_ros.wire.events import write_events
 from vpsci_ros.wire.header import WireHeader, tick_header, write_clock
 from vpsci_ros.wire.layout import EVENTS, PlanarMotion, motion_of
 from vpsci_ros.wire.markers import write_markers
@@ -108,7 +109,7 @@ class WorldOutputs:
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish the events up to the tick of this number, EVENT[n], n > 0."""
-        self._event.publish(convert.event_message(events, number, self._period))
+        self._event.publish(write_events(events, tick_header(number, self._period), number))
 
     def transitions(self, rows: NDArray[np.void], number: int) -> None:
         """Publish the transitions that the tick of this number completed, TRANSITION[n]."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire.header import WireHeader, aligned, padded, read_start, write_start
+from vpsci_ros.wire.header import WireHeader, aligned, padded, read_start, with_numbers, write_start
 from vpsci_ros.wire.layout import SAFETY
 
 Floats = NDArray[np.float64]
@@ -60,13 +60,15 @@ def read_action(data: bytes, where: str) -> SerializedAction:
 
 def write_safety_state(safety: SerializedSafety) -> bytes:
     """Return a SafetyState of at least one episode, serialized."""
-    data = _with_floats(_with_floats(write_start(safety.header, safety.tick), safety.curvttc), safety.distance)
-    return padded(data + _U32.pack(len(safety.critical)) + safety.critical.tobytes(), 4)
+    data = write_start(safety.header, safety.tick)
+    for values in (safety.curvttc, safety.distance, safety.critical):
+        data = with_numbers(data, values)
+    return padded(data, 4)
 
 
 def write_action(action: SerializedAction) -> bytes:
     """Return an AgentAction of at least one episode, serialized."""
-    data = _with_floats(_with_floats(write_start(action.header, action.tick), action.longitudinal), action.lateral)
+    data = with_numbers(with_numbers(write_start(action.header, action.tick), action.longitudinal), action.lateral)
     return data + _U32.pack(action.policy_version)
 
 
@@ -101,9 +103,3 @@ def _floats(data: bytes, at: int) -> tuple[Floats, int]:
     at = aligned(at + 4, 8)
     # Copied, since in a message it does not stand where memory wants a float64.
     return np.frombuffer(data, np.float64, count, at).copy(), at + 8 * count
-
-
-def _with_floats(data: bytes, values: Floats) -> bytes:
-    """Return the message so far with a float64[n], n > 0, behind it."""
-    data += _U32.pack(len(values))
-    return data + bytes(-(len(data) - 4) % 8) + values.tobytes()

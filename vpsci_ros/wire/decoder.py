@@ -62,19 +62,27 @@ def require_cdr(raw: RawMessage, where: object) -> None:
         )
 
 
+def parsed(kind: str, data: bytes, where: str) -> Any:
+    """Return the message of these bytes, of a type such as "nav_msgs/msg/Odometry".
+
+    :raises InvalidInput: the bytes are no such message.
+    """
+    try:
+        return known_types().deserialize_cdr(data, kind)
+    except Exception as error:  # noqa: BLE001  rosbags raises errors of many types
+        raise InvalidInput(f"{where}: {len(data)} bytes that are no {kind}: {error}") from None
+
+
 def rewritten(kind: str, data: bytes, where: str) -> tuple[Any, bytes]:
-    """Return the message of these bytes, of a type such as "nav_msgs/msg/Odometry", and its new serialization.
+    """Return the message of these bytes and its new serialization; see `parsed`.
 
     A serializer skips the gaps between fields, so that what lay in the memory there goes over the wire; here they are
     zero, and the same message is the same bytes.
 
     :raises InvalidInput: the bytes are no such message.
     """
-    try:
-        message = known_types().deserialize_cdr(data, kind)
-        return message, bytes(known_types().serialize_cdr(message, kind))
-    except Exception as error:  # noqa: BLE001  rosbags raises errors of many types
-        raise InvalidInput(f"{where}: {len(data)} bytes that are no {kind}: {error}") from None
+    message = parsed(kind, data, where)
+    return message, bytes(known_types().serialize_cdr(message, kind))
 
 
 @cache

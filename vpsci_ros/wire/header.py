@@ -6,7 +6,9 @@ the last one up to a multiple of 4, to which the middleware would fill it up by 
 """
 
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.layout import MAP
@@ -15,7 +17,7 @@ LITTLE_ENDIAN = b"\x00\x01"
 _START = struct.Struct("<4siII")  # encapsulation, stamp, length of frame_id with the zero that ends it
 _CLOCK = struct.Struct("<4siI")
 _STAMP = struct.Struct("<iI")
-_LENGTH = struct.Struct("<I")  # of a string with the zero that ends it
+_LENGTH = struct.Struct("<I")  # of a sequence; of a string with the zero that ends it
 _TICK = struct.Struct("<Q")
 _SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
 
@@ -67,6 +69,11 @@ def with_text(data: bytes, text: str) -> bytes:
     """Return the bytes with a string appended."""
     name = text.encode() + b"\0"
     return padded(data, 4) + _LENGTH.pack(len(name)) + name
+
+
+def with_numbers(data: bytes, values: NDArray[Any]) -> bytes:
+    """Return the bytes with a sequence of n > 0 numbers appended."""
+    return padded(padded(data, 4) + _LENGTH.pack(len(values)), values.itemsize) + values.tobytes()
 
 
 def padded(data: bytes, size: int) -> bytes:
