@@ -155,8 +155,7 @@ def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
     domain: int, tmp_path: Path, weights: str, victim: str, once_it_records: OnceItRecords
 ) -> None:
     once_it_records(lambda nodes: os.kill(nodes.running[victim].pid, signal.SIGKILL))
-    # Far more episodes than can end before the kill; small chunks, so that something is on disk early.
-    chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
+    chosen = sections(weights, episodes=100_000, batch=16)  # far more than can end before the kill
     result = run_graph(fewest(chosen, victim), tmp_path / "run", quiet=True)
     assert f"{victim} was killed by SIGKILL" in result.error
     assert result.exits[victim] == -signal.SIGKILL
@@ -169,7 +168,7 @@ def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
 @pytest.mark.parametrize(
     ("victim", "number", "missing"),
     [
-        ("world_simulator", signal.SIGTERM, "0 of 2 episodes ended"),
+        ("world_simulator", signal.SIGTERM, "0 of 16 episodes ended"),
         ("vehicle_policy", signal.SIGSTOP, r"^[2-9][0-9] answers of vehicle_policy are missing: the run has failed"),
     ],
 )
@@ -185,9 +184,9 @@ def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
 ) -> None:
     monkeypatch.setattr("vpsci_ros.nodes.graph.STOP_STEPS", ((signal.SIGINT, 5.0), (signal.SIGKILL, 30.0)))
     once_it_records(lambda nodes: os.kill(nodes.running[victim].pid, number), 10_000)
-    chosen = sections(weights, episodes=1, batch=2, episode_time=5.0, real_time_factor=3.0, action_timeout=0.2)
-    chosen = fewest(chosen, victim).changed("recorder", {"chunk_size": 4})
-    result = run_graph(chosen, tmp_path / "run", quiet=True)
+    # 16 at once, so that the first chunk of the bag is on disk long before the last tick
+    chosen = sections(weights, episodes=8, batch=16, episode_time=5.0, real_time_factor=3.0, action_timeout=0.2)
+    result = run_graph(fewest(chosen, victim), tmp_path / "run", quiet=True)
     assert re.search(missing, result.error)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
 
@@ -204,7 +203,7 @@ def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
 
     monkeypatch.setattr("vpsci_ros.nodes.graph.repair_bag", repair)
     once_it_records(fill)
-    chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
+    chosen = sections(weights, episodes=100_000, batch=16)
     result = run_graph(fewest(chosen), tmp_path / "run", quiet=True)
     assert "recorder ended with exit status 1" in result.error
     assert "the disk refused a part of it (File too large)" in result.error

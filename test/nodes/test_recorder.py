@@ -33,7 +33,7 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
     sections = {
         "graph": {"nodes": NODES},
         "world_simulator": world,
-        "recorder": {"chunk_size": 16, "split_size": 20_000},
+        "recorder": {"split_size": 20_000},
     }
     with composed(resolve(Sections(sections), tmp_path)):
         pass

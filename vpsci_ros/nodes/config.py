@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vpsci_ros.bags.writer import CHUNK_SIZE
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.parameters import build, parameter
@@ -54,9 +53,6 @@ class RecorderConfig:
     """The bag and its files."""
 
     bag: str = parameter("out/bag", "folder of the bag; must not exist or be empty")
-    chunk_size: int = parameter(
-        CHUNK_SIZE // 1024, "messages are compressed and written in chunks of this size", unit="KiB", low=1, high=65536
-    )
     split_size: int = parameter(
         2**30, "begin a new file at this size; 0: one file of any size", unit="B", low=0, high=10**12
     )

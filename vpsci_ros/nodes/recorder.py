@@ -52,8 +52,7 @@ class Recorder(GraphNode):
         topics = [
             BagTopic(row.name, row.type_name, *describe(row.type_name), latched=row.qos is LATCHED) for row in wanted
         ]
-        sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
-        self._bag = BagWriter(config.bag, topics, **sizes)
+        self._bag = BagWriter(config.bag, topics, split_size=config.split_size)
         self._bag.describe(SOFTWARE, software_record())
         self._episodes = EpisodeLog()
         self._ended: list[BagEpisode] = []
