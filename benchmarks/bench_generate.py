@@ -198,7 +198,7 @@ def main() -> None:
     watches.watch(simulate.EpisodeFrames, "store", "collecting")
     watches.watch(simulate.EpisodeFrames, "take", "collecting")
     watches.watch(simulate, "apply_filters", "collecting")
-    watches.watch(simulate, "joined", "collecting")
+    watches.watch(simulate, "concat_blocks", "collecting")
     tables = []
     per_scenario = max(64, int(run["simulated"] / len(job.scenarios)))
     for batch in BATCHES if options.batches else (PARALLEL,):

@@ -20,7 +20,7 @@ from fork_server import ForkedNode, ForkServer
 from numpy.typing import NDArray
 from synthetic import block_of_pairs, synthetic_near_misses
 
-from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.world.observation import AGENTS
@@ -298,9 +298,8 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a dataset of 4, 3 and 1 episodes; one of the second scenario, and the third's, never are critical."""
     folder = tmp_path_factory.mktemp("analysis") / "dataset"
     with DatasetWriter(folder, {1: VEHICLE_YIELDS, 2: PEDESTRIAN_YIELDS, 3: "empty"}, {"period": DT}) as writer:
-        writer.add(encounter(True, 4, 1, np.array([1.0, 2.0, 3.0, 4.0])))
-        writer.add(encounter(False, 3, 2, np.array([9.0, 2.5, 1.5])))
-        writer.add(encounter(True, 1, 3, np.array([7.0])))
+        two = encounter(True, 4, 1, np.array([1.0, 2.0, 3.0, 4.0])), encounter(False, 3, 2, np.array([9.0, 2.5, 1.5]))
+        write_blocks(writer, [*two, encounter(True, 1, 3, np.array([7.0]))])
         writer.close()
     return folder
 
@@ -310,6 +309,6 @@ def harmless_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a dataset of one episode that never was critical, so that none was kept."""
     folder = tmp_path_factory.mktemp("analysis") / "harmless"
     with DatasetWriter(folder, {1: VEHICLE_YIELDS}, {"period": DT}) as writer:
-        writer.add(encounter(True, 1, 1, np.array([7.0])))
+        write_blocks(writer, [encounter(True, 1, 1, np.array([7.0]))])
         writer.close()
     return folder

@@ -8,7 +8,7 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 
-from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_tables import INDEX
 from vpsci_ros.data.episode_block import EpisodeFrames
@@ -29,8 +29,7 @@ TABLE_7 = [
 def write(folder: Path, ticks, batch: int, **options) -> dict:
     collector = EpisodeFrames(batch)
     with DatasetWriter(folder, {1: NAME}, {"seed": 3, "weights": "abc", "period": 0.05}, **options) as writer:
-        for tick in ticks:
-            writer.add(collector.add(*tick))
+        write_blocks(writer, (collector.add(*tick) for tick in ticks))
         return writer.close(unfinished=collector.unfinished)
 
 
@@ -118,7 +117,16 @@ def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path) -> Non
         DatasetWriter(tmp_path / "d", {1: NAME}, {}, keep_rejected=True, formats=["parquet", "csv"]) as writer,
     ):
         collector = EpisodeFrames(3)
-        for tick in simulate(LENGTHS, OUTCOMES, 3):
-            writer.add(collector.add(*tick))
+        write_blocks(writer, (collector.add(*tick) for tick in simulate(LENGTHS, OUTCOMES, 3)))
         raise RuntimeError("cut")
     assert list((tmp_path / "d").iterdir()) == []
+
+
+def test_an_episode_that_comes_twice_is_refused(simulate, tmp_path: Path) -> None:
+    collector = EpisodeFrames(3)
+    blocks = [collector.add(*tick) for tick in simulate(LENGTHS, OUTCOMES, 3)]
+    with (
+        pytest.raises(InvalidInput, match="episode 0 of scenario 1 came twice"),
+        DatasetWriter(tmp_path / "d", {1: NAME}, {}) as writer,
+    ):
+        write_blocks(writer, [*blocks, *blocks])

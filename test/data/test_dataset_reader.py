@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
@@ -19,8 +19,7 @@ LENGTHS = [150, 60, 110, 201]
 def folder(simulate, tmp_path: Path) -> Path:
     collector = EpisodeFrames(3)
     with DatasetWriter(tmp_path / "d", {1: "one", 2: "unseen"}, {"seed": 3, "period": 0.05}, row_group=200) as writer:
-        for tick in simulate(LENGTHS, [GOAL] * 4, 3):
-            writer.add(collector.add(*tick))
+        write_blocks(writer, (collector.add(*tick) for tick in simulate(LENGTHS, [GOAL] * 4, 3)))
         writer.close()
     return tmp_path / "d"
 

@@ -1,7 +1,7 @@
 """Export of a bag as a dataset: its recorded episodes, filtered, as tables."""
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,10 @@ from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_tables import FORMATS
 from vpsci_ros.data.episode import Key
-from vpsci_ros.data.episode_block import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.errors import InvalidInput
@@ -60,7 +60,15 @@ def export_bag(
         filters = filters or KEEP_ALL
         keep_rejected |= any(not np.isfinite(episode.least_curvttc) for episode in chosen)
     first = next(ticks)
-    frames = EpisodeFrames(len(first.state))
+    frames, unseen = EpisodeFrames(len(first.state)), 0
+
+    def ended() -> Iterator[EpisodeBlock]:
+        nonlocal unseen
+        for tick in itertools.chain((first,), ticks):
+            block = frames.add(tick.state, tick.curvttc, tick.distance)
+            unseen += int(np.isnan(block.values).any(axis=1).sum())
+            yield block
+
     with DatasetWriter(
         folder,
         {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
@@ -69,12 +77,7 @@ def export_bag(
         formats=formats,
         keep_rejected=keep_rejected,
     ) as writer:
-        unseen = 0
-        for tick in itertools.chain((first,), ticks):
-            ended = frames.add(tick.state, tick.curvttc, tick.distance)
-            unseen += int(np.isnan(ended.values).any(axis=1).sum())
-            writer.add(ended)
-        if writer.empty:
+        if not write_blocks(writer, ended()):
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
     if unseen:

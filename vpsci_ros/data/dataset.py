@@ -8,7 +8,7 @@ without it is no dataset.
 
 import io
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -29,7 +29,7 @@ from vpsci_ros.data.dataset_tables import (
     arrow_rows,
     index_table,
 )
-from vpsci_ros.data.episode_block import KEPT, RECORD, EpisodeBlock, joined
+from vpsci_ros.data.episode_block import KEPT, RECORD, EpisodeBlock, concat_blocks
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.data.parquet import arrow_schema, as_polars, write_parquet
 from vpsci_ros.errors import InvalidInput
@@ -131,7 +131,6 @@ class DatasetWriter:
         self._names, self._provenance = dict(names), dict(provenance)
         self._formats, self._row_group = tuple(formats), row_group
         self._tables: dict[tuple[int, bool], list[EpisodeTable]] = {}  # of kept and of rejected episodes, by scenario
-        self._blocks: dict[int, list[EpisodeBlock]] = {}
         self._records: dict[int, list[np.ndarray]] = {}  # of the episodes that were written, by scenario
         self._closed = False
 
@@ -172,21 +171,6 @@ class DatasetWriter:
                 table.add(rows.filter(pa.array(passed == kept)))
         self._records[number].append(records)
 
-    def add(self, block: EpisodeBlock) -> None:
-        """Apply the filters to episodes that come in any order; `close` writes them.
-
-        :raises InvalidInput: an episode of a scenario that has no name here.
-        """
-        found = apply_filters(block, self.filters).stored(self.keep_rejected)
-        for number in np.unique(found.records["scenario"]).tolist():
-            self.begin(number)
-            self._blocks.setdefault(number, []).append(found.only(found.records["scenario"] == number))
-
-    @property
-    def empty(self) -> bool:
-        """Whether no episode was given to the writer."""
-        return not self._records
-
     def close(
         self,
         *,
@@ -194,18 +178,12 @@ class DatasetWriter:
         beside: Mapping[str, bytes] | None = None,
         datasheet: Callable[[Mapping[str, Any]], str] | None = None,
     ) -> dict[str, Any]:
-        """Write what is left, the index and dataset.json, and return the latter's content.
+        """Complete the files, write the index and dataset.json, and return the latter's content.
 
         :param unfinished: episodes that were started and not seen to their end; they are only counted.
         :param beside: further files of the dataset, by their names.
         :param datasheet: makes the folder's README.md of the description.
         """
-        for number, blocks in self._blocks.items():
-            whole = joined(blocks)
-            if (again := np.diff(whole.records["count"]) == 0).any():
-                twice = whole.records["count"][int(again.argmax())]
-                raise InvalidInput(f"episode {twice} of scenario {number} came twice")
-            self.write(number, whole.records, arrow_rows(whole))
         files = {}
         for table in itertools.chain(*self._tables.values()):
             path, rows = table.close()
@@ -233,3 +211,23 @@ class DatasetWriter:
         rejected = self.folder / REJECTED
         if rejected.is_dir() and not any(rejected.iterdir()):
             rejected.rmdir()
+
+
+def write_blocks(writer: DatasetWriter, blocks: Iterable[EpisodeBlock]) -> int:
+    """Apply the writer's filters to episodes that come in any order, write them, and return their number.
+
+    :raises InvalidInput: an episode comes twice, or its scenario has no name in the dataset.
+    """
+    found: dict[int, list[EpisodeBlock]] = {}
+    for block in blocks:
+        judged = apply_filters(block, writer.filters).stored(writer.keep_rejected)
+        for number in np.unique(judged.records["scenario"]).tolist():
+            found.setdefault(number, []).append(judged.only(judged.records["scenario"] == number))
+    for number, parts in found.items():
+        whole = concat_blocks(parts)
+        if (again := np.diff(whole.records["count"]) == 0).any():
+            twice = whole.records["count"][int(again.argmax())]
+            raise InvalidInput(f"episode {twice} of scenario {number} came twice")
+        writer.begin(number)
+        writer.write(number, whole.records, arrow_rows(whole))
+    return sum(len(block) for parts in found.values() for block in parts)

@@ -102,7 +102,7 @@ class EpisodeBlock:
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
 
 
-def joined(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
+def concat_blocks(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
     """Return the episodes of several blocks as one, in the order of their scenarios and numbers."""
     records = np.concatenate([np.zeros(0, RECORD), *(block.records for block in blocks)])
     values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *(block.values for block in blocks)])

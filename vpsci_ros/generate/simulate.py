@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, joined
+from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, concat_blocks
 from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
@@ -55,7 +55,7 @@ class Simulator:
             if waiting >= TOGETHER or loop.world.done:
                 ended = ranged(apply_filters(frames.take(), job.filters), self._reaches)
                 blocks.append(ended.stored(job.keep_rejected))
-        whole = joined(blocks)
+        whole = concat_blocks(blocks)
         if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")
         return whole

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_description import DESCRIPTION, FORM_OF_GENERATED
 from vpsci_ros.data.dataset_reader import Dataset, file_table
 from vpsci_ros.data.dataset_tables import FORMATS, INDEX, REJECTED, episode_rows, index_table
-from vpsci_ros.data.episode_block import EpisodeBlock, joined
+from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks
 from vpsci_ros.documents import listed, reason, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
@@ -130,7 +130,7 @@ def _numbers(data: Dataset, scenario: str) -> NDArray[np.int64]:
 def _simulated(pool: Workers[Unit, EpisodeBlock], scenario: int, numbers: NDArray[np.int64]) -> EpisodeBlock:
     units = (Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK))
     results = computed(pool, lambda: next(units, None))
-    return joined([block for _, block in results])
+    return concat_blocks([block for _, block in results])
 
 
 def _difference(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
 from vpsci_ros.documents import reason, require_regular
@@ -55,8 +55,7 @@ def convert(source: Path, output: Path) -> None:
         raise InvalidInput(f"{source}: expected CSV files with the columns of Table 7, found none")
     names = {number: name for number, (name, _) in parts.items()}
     with DatasetWriter(output, names, {"period": PERIOD}, keep_rejected=True) as writer:
-        for number, (_, rows) in sorted(parts.items()):
-            writer.add(_block(rows, number))
+        write_blocks(writer, (_block(rows, number) for number, (_, rows) in sorted(parts.items())))
         writer.close()
 
 

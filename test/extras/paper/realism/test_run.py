@@ -11,7 +11,7 @@ from extras.paper.realism.straight import constant_velocity
 from rich.console import Console
 from synthetic import block_of_pairs, synthetic_near_misses
 
-from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
@@ -128,7 +128,7 @@ def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) ->
     values[..., 8], values[..., 9] = 10.0, 3.0
     for keep, number in ((False, 0), (True, 2)):
         with DatasetWriter(tmp_path / str(keep), {1: "one"}, {"period": 0.05}, keep_rejected=keep) as writer:
-            writer.add(block_of_pairs(values))  # the pedestrian hardly moves
+            write_blocks(writer, [block_of_pairs(values)])  # the pedestrian hardly moves
             writer.close()
         assert as_near_misses(Dataset(tmp_path / str(keep)), 100, 0)["interaction"].n_unique() == number
 
