@@ -1,28 +1,37 @@
 """Recorded graphs read back without ROS, tick by tick."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.bags.odometry import ODOMETRY, RecordedTick, odometry_ticks
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedSafety, read_safety_state
-from vpsci_ros.wire.decoder import RawMessage, require_cdr
-from vpsci_ros.wire.layout import SAFETY, TYPES, WORLD
+from vpsci_ros.wire.decoder import RawMessage, decode, require_cdr
+from vpsci_ros.wire.layout import EVENTS, SAFETY, TYPES, WORLD
 from vpsci_ros.wire.world_state import SerializedState, read_world_state
 
 _PATIENCE = 1000  # ticks for which the monitor's answer may come later in the file than the world's message
 
 
-def read_bag(bag: str | Path | Bag, *, start: int = 0, stop: int = 2**63 - 1) -> Iterator[RecordedTick]:
+def read_bag(
+    bag: str | Path | Bag,
+    *,
+    start: int = 0,
+    stop: int = 2**63 - 1,
+    take_events: Callable[[NDArray[Any]], None] | None = None,
+) -> Iterator[RecordedTick]:
     """Yield every tick of a bag in order.
 
     A bag without the world's states gives what its odometry says: see `vpsci_ros.bags.odometry`.
 
     :param start, stop: log times [ns] of the first and the last tick wanted.
+    :param take_events: called with the EVENT[n] of each message of events in these times.
     :raises InvalidInput: no bag, a bag of something else, one without a tick, or (unless opened to `recover`) one that
         breaks off or is damaged.
     """
@@ -30,9 +39,11 @@ def read_bag(bag: str | Path | Bag, *, start: int = 0, stop: int = 2**63 - 1) ->
     answers: dict[int, SerializedSafety] = {}
     waiting: dict[int, tuple[SerializedState, int]] = {}
     ticks = 0
-    for raw in _messages(bag, start, stop):
+    for raw in _messages(bag, (WORLD, SAFETY) if take_events is None else (WORLD, SAFETY, EVENTS), start, stop):
         where = f"{bag.path}: {raw.topic}"
-        if raw.topic == WORLD:
+        if take_events is not None and raw.topic == EVENTS:
+            take_events(layout.events(decode(raw, bag.path)))
+        elif raw.topic == WORLD:
             world = read_world_state(raw.data, where, raw.definition if raw.form == "ros2msg" else "")
             waiting[world.tick.number] = world, raw.time
         else:
@@ -70,10 +81,10 @@ def what_is_missing(bag: Bag) -> str:
     )
 
 
-def _messages(bag: Bag, start: int, stop: int) -> Iterator[RawMessage]:
-    for raw in bag.messages((WORLD, SAFETY), start, stop):
-        if raw.type != TYPES[raw.topic]:
-            raise InvalidInput(f"{bag.path}: expected {TYPES[raw.topic]} on {raw.topic}, got {raw.type}")
+def _messages(bag: Bag, topics: tuple[str, ...], start: int, stop: int) -> Iterator[RawMessage]:
+    for raw in bag.messages(topics, start, stop):
+        if (expected := TYPES.get(raw.topic, raw.type)) != raw.type:
+            raise InvalidInput(f"{bag.path}: expected {expected} on {raw.topic}, got {raw.type}")
         require_cdr(raw, bag.path)
         yield raw
 

@@ -18,6 +18,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode, Key
@@ -33,8 +36,6 @@ from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
-from vpsci_ros.wire import layout
-from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.crowd import episode_rows
@@ -201,11 +202,13 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     if events is not None and not events.messages:
         return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
-    for raw in recording.messages([EVENTS]):
-        for event in layout.events(decode(raw, bag)):
+
+    def count(events: NDArray[np.void]) -> None:
+        for event in events:
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
+
     try:
-        found, first_critical = episodes_in_bag(recording, exam)
+        found, first_critical = episodes_in_bag(recording, exam, count)
     except InvalidInput:
         if not conduct.failure:
             raise
@@ -217,15 +220,18 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     return RunResult(own, conduct, dict(+unanswered), first_critical)
 
 
-def episodes_in_bag(bag: Bag, exam: Exam) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
+def episodes_in_bag(
+    bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None
+) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
     """Return the episodes of a bag, and the first critical pedestrian of each.
 
+    :param take_events: called with the EVENT[n] of each message of events.
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
     """
     own = set(exam.episodes)
 
     def ticks() -> Iterator[Tick]:
-        for tick in read_bag(bag):
+        for tick in read_bag(bag, take_events=take_events):
             for rows in episode_rows(tick.state):
                 first = tick.state[rows[0]]
                 if (key := (int(first["scenario"]), int(first["episode"]))) not in own:
