@@ -1,4 +1,4 @@
-"""Classes of driving systems seated in the process of a test: for tests that are not about a class's own process."""
+"""Classes of driving systems in the process of a test: for tests that are not about a class's own process."""
 
 import contextlib
 import inspect
@@ -22,7 +22,7 @@ class Careless:
 """  # a module's text; it drives at 5 m/s, whoever is in its way
 
 
-class Seated:
+class WithoutProcess:
     """What `vpsci_ros.exam.class_process` yields, without a process."""
 
     answers: Answers
@@ -30,23 +30,23 @@ class Seated:
     def __init__(self, text: str) -> None:
         self._driver = find_driver(text)
 
-    def seat(self, scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
-        self.answers = Cockpit(self._driver, scenarios, seats, spawn).answers
+    def make_drivers(self, scenarios: Sequence[Scenario], cars: int, spawn: str) -> None:
+        self.answers = Cockpit(self._driver, scenarios, cars, spawn).answers
 
 
 @contextlib.contextmanager
-def seated_here() -> Iterator[None]:
+def class_in_process() -> Iterator[None]:
     """Have exams call a class in this process while the `with` block lasts."""
 
     @contextlib.contextmanager
-    def seated(text: str, *_: Any) -> Iterator[Seated]:
-        yield Seated(text)
+    def without_process(text: str, *_: Any) -> Iterator[WithoutProcess]:
+        yield WithoutProcess(text)
 
     def files(text: str) -> dict[str, str]:
         path = Path(inspect.getfile(find_driver(text)))
         return {path.name: sha256(path)}
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vpsci_ros.exam.in_process.class_process", seated)
+        patch.setattr("vpsci_ros.exam.in_process.class_process", without_process)
         patch.setattr("vpsci_ros.exam.exam.files_of_class", files)
         yield

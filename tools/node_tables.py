@@ -83,7 +83,7 @@ def page() -> str:
         kind = f"{package}/{service.type.__name__}"
         parts.append(f"| `{service.name}` | {kind} | `{service.server}` | {service.description} |")
     parts.append(NOTES)
-    return _joined(parts)
+    return _text(parts)
 
 
 GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
@@ -124,7 +124,7 @@ def parameter_page() -> str:
             parts += [f"### {config.__name__.removesuffix('Config')}\n", f"In {sections}. {_first(config)}\n"]
             parts += [f"{same} more are described above, with the same defaults.\n"] if same else []
             parts += [markdown_table(rows), ""]
-    return _joined(parts)
+    return _text(parts)
 
 
 def markdown_table(rows: Iterable[Parameter]) -> str:
@@ -152,7 +152,7 @@ def _first(config: type) -> str:
     return " ".join((config.__doc__ or "").split("\n\n")[0].split())
 
 
-def _joined(parts: list[str]) -> str:
+def _text(parts: list[str]) -> str:
     return "\n".join(parts).replace("\n\n\n", "\n\n").rstrip() + "\n"
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from seated import seated_here
+from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.exam import Exam, prepare
@@ -40,5 +40,5 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def here() -> Iterator[None]:
     """Have exams call classes in this process."""
-    with seated_here():
+    with class_in_process():
         yield

@@ -19,10 +19,10 @@ Drive = Callable[..., list[Answer]]
 ONE = Answer("vehicle", [1.0, 0.0])
 
 
-def a_scene(seat: int = 0) -> Scene:
+def a_scene(car: int = 0) -> Scene:
     config = WorldConfig(vehicle_driver="external", pedestrian_driver="autopilot", spawn="paper")
-    state = World(config, [load_scenario(1)], [(1, seat)], 1, 0).state
-    return Scene(seat, (1, seat, 7), 0.0, state, np.array([9.0]), np.array([20.0]), None)
+    state = World(config, [load_scenario(1)], [(1, car)], 1, 0).state
+    return Scene(car, (1, car, 7), 0.0, state, np.array([9.0]), np.array([20.0]), None)
 
 
 def mine(act: str, before: str = "") -> str:
@@ -40,7 +40,7 @@ def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
         (tmp_path / "a_driver.py").write_text(text)
         scenes = [a_scene(0), a_scene(1)]
         with class_process("a_driver:Mine", tmp_path / "log", 60.0) as process:
-            process.seat([load_scenario(1)], 2, "paper")
+            process.make_drivers([load_scenario(1)], 2, "paper")
             process._patience = patience  # once it is there
             return [answer for _ in range(ticks) for answer in process.answers(scenes)]
 

@@ -13,7 +13,7 @@ from typing import Any
 import polars as pl
 import pytest
 import yaml
-from seated import CARELESS, seated_here
+from class_in_process import CARELESS, class_in_process
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
@@ -43,7 +43,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Folder with the driver, and with an exam of it in `yesterday`."""
     folder = tmp_path_factory.mktemp("earlier")
     (folder / "my_driver.py").write_text(CARELESS.replace("Careless", "MyDriver"))
-    with pytest.MonkeyPatch.context() as patch, seated_here():
+    with pytest.MonkeyPatch.context() as patch, class_in_process():
         patch.syspath_prepend(folder)
         assert run_exam(exam(), folder / "yesterday", quiet=True) == []
         yield folder
@@ -225,7 +225,7 @@ def test_the_workflow_of_the_page_examines_and_then_compares(
     for node, values in {"world_simulator": SHORT, "ads_test": EXAM}.items():
         words += [word for name, value in values.items() for word in ("--set", f"{node}.{name}={value}")]
     monkeypatch.chdir(tmp_path)
-    with seated_here():
+    with class_in_process():
         done = CliRunner().invoke(app, [*words, "--workers", "1"])
     assert done.exit_code == 0, done.output
     assert "newly_failed > 0" in words, "it compares, since there was an earlier exam"

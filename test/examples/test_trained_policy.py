@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from class_in_process import class_in_process
 from composed import composed
-from seated import seated_here
 
 pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (extra: test)")
 pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
@@ -104,7 +104,7 @@ def test_its_class_sits_the_exam(weights: Path, tmp_path: Path, monkeypatch: pyt
     exam = {"pedestrians": ["walker"], "baseline": False}
     world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
-    with seated_here():
+    with class_in_process():
         found = run_with(prepare(chosen, ads_class="trained_policy:PolicyDriver"), "walker", tmp_path, "", quiet=True)
     assert [episode.name for episode in found.episodes] == ["101:0", "101:1"]
     assert found.conduct == Conduct(wanted=2)

@@ -6,9 +6,9 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from class_in_process import class_in_process
 from composed import composed
 from extending.page import Install, files_of
-from seated import seated_here
 
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
@@ -49,7 +49,7 @@ def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(install
     settings = ["world_simulator.scenarios=[41]", f"world_simulator.scenario_files=[{tmp_path / 'midblock.yaml'}]",
                 "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "ads_test.pedestrians=[freezing]",
                 "ads_test.ads_class=vpsci_ros.nodes.example_driver:ExampleDriver"]  # fmt: skip
-    with seated_here():
+    with class_in_process():
         assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []
     report = json.loads((tmp_path / "exam" / "report.json").read_text(encoding="utf-8"))
     assert set(report["drivers"]["ads"]) == {"freezing"}

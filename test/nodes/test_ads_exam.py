@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 import pytest
-from seated import seated_here
+from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
@@ -91,7 +91,7 @@ def test_an_exam_leaves_episodes_report_and_provenance_and_those_of_its_class(do
 
 def require_the_same_of_its_class(chosen: Sections, folder: Path, other: Path) -> None:
     """Require that the example's class, examined without ROS, has the node's table and report, number by number."""
-    with seated_here():
+    with class_in_process():
         run_exam(prepare(chosen, ads_class="vpsci_ros.nodes.example_driver:ExampleDriver"), other, quiet=True)
     assert pl.read_parquet(other / "episodes.parquet").equals(pl.read_parquet(folder / "episodes.parquet"))
     by_class, by_node = (read(each)[0] for each in (other, folder))

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from class_in_process import class_in_process
 from geometry_msgs.msg import AccelStamped
 from nodes.stage import PATIENCE, Stage, overrides, state_bytes
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
-from seated import seated_here
 from sensor_msgs.msg import PointCloud2
 
 from vpsci_msgs.msg import WorldState
@@ -159,7 +159,7 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
     assert topics["/pedestrian/odometry"].messages == 0
 
     exam = prepare(sections(), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
-    with seated_here():
+    with class_in_process():
         by_class = run_with(exam, "walker", tmp_path / "class", "", quiet=True)
     assert len(by_class.episodes) == 2
     tables = [episode_table(each, [], exam.config, driver="ads", pedestrian="walker") for each in (by_node, by_class)]

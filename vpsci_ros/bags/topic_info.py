@@ -25,7 +25,7 @@ class TopicInfo:
     last: int = 0
     latched: int = 0
 
-    def joined(self, other: TopicInfo) -> TopicInfo:
+    def merged(self, other: TopicInfo) -> TopicInfo:
         """Return this topic over two files."""
         if not self.messages or not other.messages:
             return self if self.messages else other
@@ -47,8 +47,8 @@ def extent(topics: Collection[TopicInfo]) -> tuple[int, int]:
 
 
 def by_name(rows: Iterable[TopicInfo]) -> dict[str, TopicInfo]:
-    """Return topics by name, sorted; rows of the same topic are joined."""
+    """Return topics by name, sorted; rows of the same topic are merged."""
     found: dict[str, TopicInfo] = {}
     for row in rows:
-        found[row.name] = found[row.name].joined(row) if row.name in found else row
+        found[row.name] = found[row.name].merged(row) if row.name in found else row
     return dict(sorted(found.items()))

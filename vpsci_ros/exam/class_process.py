@@ -47,13 +47,13 @@ class ClassProcess:
         self._ended = ""
         self.path: str = self._first("while its module was imported")
 
-    def seat(self, scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
-        """Create an object of the class for each slot, see `Cockpit`.
+    def make_drivers(self, scenarios: Sequence[Scenario], cars: int, spawn: str) -> None:
+        """Create an object of the class for each car, see `Cockpit`.
 
         :raises InvalidInput: it cannot be made.
         """
         with contextlib.suppress(OSError):  # it has ended, which reading from it shows
-            self._connection.send((scenarios, seats, spawn))
+            self._connection.send((scenarios, cars, spawn))
         self._first("while its objects were made")
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:

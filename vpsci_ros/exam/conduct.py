@@ -88,7 +88,7 @@ def run_with_all(
             bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
     empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
     taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
-    return {name: joined(results, len(exam.episodes)) for name, results in taken.items() if results}
+    return {name: merged_results(results, len(exam.episodes)) for name, results in taken.items() if results}
 
 
 def conductor(parts: Sequence[Exam], titles: Mapping[Run, str], folder: Path) -> Callable[[Run], RunResult]:
@@ -115,7 +115,7 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
         return read_run(exam, folder, name)
     if not quiet:
         where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-        external = where if exam.config.examined == EXTERNAL and exam.seat is None else ""
+        external = where if exam.config.examined == EXTERNAL and exam.driver is None else ""
         print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
     run = run_folder(folder, name, exam.part)
     shutil.rmtree(run, ignore_errors=True)
@@ -147,7 +147,7 @@ def driven_episodes(folder: Path, pedestrian: str) -> Iterator[Episode]:
         yield from read_episodes(path)
 
 
-def joined(results: Sequence[RunResult], wanted: int) -> RunResult:
+def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
     """Return the results of the parts of a run as one."""
     conducts = [result.conduct for result in results]
     failures = [conduct.failure for conduct in conducts if conduct.failure]

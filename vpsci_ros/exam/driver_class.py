@@ -169,7 +169,7 @@ def find_driver(text: str) -> type[Driver]:
 class Scene(NamedTuple):
     """One episode at one tick.
 
-    :ivar seat: number of its driver.
+    :ivar car: number of the car, and of its driver.
     :ivar begins: number of the scenario, number of the episode and seed, at its first tick; else None.
     :ivar time: since it began [s].
     :ivar state: EPISODE[P].
@@ -177,7 +177,7 @@ class Scene(NamedTuple):
     :ivar objects: OBJECT[P] of `/perception/objects`; None: the driver has odometry.
     """
 
-    seat: int
+    car: int
     begins: tuple[int, int, int] | None
     time: float
     state: NDArray[np.void]
@@ -207,16 +207,16 @@ Answers = Callable[[Sequence[Scene]], Iterable[Answer]]
 
 
 class Cockpit:
-    """Drivers of one class, one for each slot.
+    """Drivers of one class, one for each car.
 
     :param make: the class.
     :param spawn: `WorldConfig.spawn`, which places the goals that the drivers observe.
     :raises InvalidInput: the class cannot be made.
     """
 
-    def __init__(self, make: Callable[[], Driver], scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
+    def __init__(self, make: Callable[[], Driver], scenarios: Sequence[Scenario], cars: int, spawn: str) -> None:
         try:
-            self._drivers = [make() for _ in range(seats)]
+            self._drivers = [make() for _ in range(cars)]
         except (Exception, SystemExit) as error:
             raise InvalidInput(
                 f"{getattr(make, '__name__', make)}() cannot be made: {said(error)}; the class of a driving system "
@@ -230,7 +230,7 @@ class Cockpit:
         return map(self._answer, scenes)
 
     def _answer(self, scene: Scene) -> Answer:
-        driver, returned = self._drivers[scene.seat], False
+        driver, returned = self._drivers[scene.car], False
         try:
             if scene.begins is not None:
                 number, episode, seed = scene.begins

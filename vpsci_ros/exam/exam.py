@@ -46,8 +46,8 @@ class Exam:
     :ivar sections: the parameters that the graphs are started with.
     :ivar part: which one of an exam in several parts, from 0.
     :ivar files: of the driving system, each with its SHA-256.
-    :ivar seat: seats another driver at the wheel, in this process and one episode at a time, for as long as the context
-        lasts; it gets the log and the patience for an answer [s]. None: the system of `config` drives.
+    :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
+        gets the log and the patience for an answer [s]. None: the system of `config` drives.
     """
 
     sections: Sections
@@ -56,7 +56,7 @@ class Exam:
     world: WorldConfig
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
-    seat: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
+    driver: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
 
     @property
     def person(self) -> bool:
@@ -66,7 +66,7 @@ class Exam:
     @property
     def in_process(self) -> bool:
         """Whether the system drives through the loop, without ROS."""
-        return self.seat is not None or bool(self.config.ads_class)
+        return self.driver is not None or bool(self.config.ads_class)
 
     @property
     def simulator(self) -> SimulatorConfig:
@@ -213,7 +213,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
     nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
     return {
         "ads": exam.config.examined,
-        "seat": exam.seat is not None,
+        "seat": exam.driver is not None,
         "ads_files_sha256": dict(exam.files),
         "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
         "world": dataclasses.asdict(exam.world),

@@ -82,11 +82,11 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
     run.mkdir(exist_ok=True)
     log.unlink(missing_ok=True)
     compile_kernels()
-    loop = loop_with(exam, name, "external", exam.episodes, 1 if exam.seat or config.bags else SIDE_BY_SIDE)
+    loop = loop_with(exam, name, "external", exam.episodes, 1 if exam.driver or config.bags else SIDE_BY_SIDE)
     world = loop.world.config
     with contextlib.ExitStack() as stack:
         bars = stack.enter_context(Bars(quiet=quiet))
-        answers = stack.enter_context(_seated(exam, loop, log))
+        answers = stack.enter_context(_driver_answers(exam, loop, log))
         driven = InProcess(loop, answers, exam.perception, log)
         ticks = driven.ticks(lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
         if config.bags:
@@ -111,18 +111,18 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
 
 
 @contextlib.contextmanager
-def _seated(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
-    """Seat the driving system at the wheel of every car of a loop."""
+def _driver_answers(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
+    """Yield the function that has the driving system answer for every car of a loop."""
     patience = exam.sections.get(GraphConfig, "graph").progress_timeout
-    seats = len(loop.world.state) // loop.world.config.pedestrians
+    cars = len(loop.world.state) // loop.world.config.pedestrians
     with contextlib.ExitStack() as stack:
-        if exam.seat is not None:
+        if exam.driver is not None:
             yield Cockpit(
-                stack.enter_context(exam.seat(log, patience)), exam.scenarios, seats, exam.world.spawn
+                stack.enter_context(exam.driver(log, patience)), exam.scenarios, cars, exam.world.spawn
             ).answers
             return
         process = stack.enter_context(class_process(exam.config.ads_class, log, patience))
-        process.seat(exam.scenarios, seats, exam.world.spawn)
+        process.make_drivers(exam.scenarios, cars, exam.world.spawn)
         yield process.answers
 
 
@@ -144,7 +144,7 @@ class InProcess:
     """A driving system that drives every car of a loop.
 
     :param loop: whose world leaves the vehicle to an external driver.
-    :param answers: of the driving system, a seat for each car.
+    :param answers: of the driving system, for each car.
     :param perception: errors of what is published of pedestrians; None: the drivers have their odometry.
     :param log: where the traceback of a driver that raises is written.
     :ivar commands: that were good.
@@ -218,7 +218,7 @@ class InProcess:
         frame = int(state["frame"][0])
         seed = int(np.random.SeedSequence([self._loop.world.seed, *key]).generate_state(1)[0]) if frame == 0 else 0
         return Scene(
-            seat=rows.start // self._most,
+            car=rows.start // self._most,
             begins=(*key, seed) if frame == 0 else None,
             time=frame * self._period,
             state=state,

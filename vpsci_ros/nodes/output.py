@@ -11,7 +11,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.topics import LATCHED, TOPICS
 from vpsci_ros.runs.processes import unhindered_time
 
-STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
+UNEXPECTED_PATIENCE = 1.0  # [s] for discovered subscribers that are not expected; some never match, by their QoS
 PEER_TIMEOUT = 60.0  # [s], less what this node waits for a core, for expected readers to appear before it gives up
 
 
@@ -107,7 +107,7 @@ class Output:
         # Matching goes on in the middleware's threads while this callback waits.
         while not self.complete and not self._stopping():
             now = time.monotonic()
-            if self.matched and now - begun > STRANGER_PATIENCE:
+            if self.matched and now - begun > UNEXPECTED_PATIENCE:
                 break
             if unhindered_time() - patience_from > PEER_TIMEOUT:
                 raise self._no_reader()

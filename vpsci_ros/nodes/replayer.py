@@ -87,7 +87,7 @@ class Replayer(GraphNode):
         return self.create_publisher(kind, name, _latched(depth) if (depth := _kept(topic)) else REPLAY)
 
     def _publish_held(self, bag: Bag, depths: dict[str, int], start: int) -> int:
-        """Publish what a subscriber that joined at log time `start` [ns] would get of latched topics; return how much.
+        """Publish what a subscriber from log time `start` [ns] on would get of latched topics; return how much.
 
         :param depths: topic -> how many messages its publishers keep.
         """

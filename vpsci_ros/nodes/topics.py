@@ -21,16 +21,16 @@ from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState
 from vpsci_ros.nodes.config import NODES
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""What a decision rests on: nothing is lost, and a reader a thousand messages behind still has them all."""
+"""For messages that a decision depends on: none is lost, and a subscriber may be a thousand messages behind."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""State that late joiners need: the last message is kept for them."""
+"""For state that late subscribers need: the publisher stores the last message for them."""
 
 COMMANDS = QoSProfile(depth=32, reliability=ReliabilityPolicy.RELIABLE)
-"""What a driving system says, of which the newest counts: one that floods must not keep the world from its peers."""
+"""For commands of a driving system, of which the newest counts: too many must not delay the world's other messages."""
 
 RECORDING = QoSProfile(depth=1000, history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
-"""For a reader that must see every message, such as the recorder and the learner."""
+"""For a subscriber that must receive every message, such as the recorder and the learner."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,13 @@ SERVICES = {
             "/world/reset",
             Trigger,
             "world_simulator",
-            "begins the run's episodes again from the first one; ticks and simulated time go on",
+            "begins the run's episodes again from the first one; ticks and simulated time continue",
         ),
-        Service("/world/pause", SetBool, "world_simulator", "true: stands still at the present tick; false: goes on"),
-        Service("/world/step", Trigger, "world_simulator", "while paused, takes one tick as soon as it is answered"),
-        Service("/replayer/pause", SetBool, "replayer", "true: stands still at the present time; false: goes on"),
+        Service("/world/pause", SetBool, "world_simulator", "true: pauses at the present tick; false: resumes"),
+        Service(
+            "/world/step", Trigger, "world_simulator", "while paused, simulates one tick as soon as it is answered"
+        ),
+        Service("/replayer/pause", SetBool, "replayer", "true: pauses at the present time; false: resumes"),
         Service("/replayer/step", Trigger, "replayer", "while paused, publishes all messages of the next time"),
     )
 }

@@ -30,5 +30,5 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
 
 
 def inlined(*names: str) -> str:
-    """Return the joined text of files of `templates`."""
+    """Return the concatenated text of files of `templates`."""
     return "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names)

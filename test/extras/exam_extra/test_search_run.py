@@ -5,7 +5,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from seated import CARELESS, seated_here
+from class_in_process import CARELESS, class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.exam import prepare
@@ -25,7 +25,7 @@ def test_a_search_finds_failures_and_lists_them(tmp_path: Path, monkeypatch: pyt
     )
     found = found.changed("ads_test", {"baseline": False, "failure": "conflict"})
     search = SearchConfig("walker", 60, 40)
-    with seated_here():
+    with class_in_process():
         exam = prepare(found, ads_class="careless:Careless")
         assert run_search(exam, search, folder, quiet=True) == []
 

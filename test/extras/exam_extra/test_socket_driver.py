@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from seated import seated_here
+from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
@@ -58,7 +58,7 @@ def test_the_client_in_cpp_has_the_report_of_the_python_class_to_the_last_bit(tm
     subprocess.run([compiler, *strict, "-o", binary, SOURCE], check=True, timeout=120)
     failures, by_socket = examined(tmp_path / "socket", ads=str(binary))
     assert failures == []
-    with seated_here():
+    with class_in_process():
         _, by_class = examined(tmp_path / "class", ads_class=EXAMPLE)
     tables = [pl.read_parquet(folder / "episodes.parquet") for folder in (by_socket, by_class)]
     assert tables[0].height == 4

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from seated import CARELESS, seated_here
+from class_in_process import CARELESS, class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
@@ -151,7 +151,7 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     world = {"scenarios": [3], "episodes": 8, "episode_time": 6.0, "spawn": "paper"}
     own = {"pedestrians": ["walker"], "baseline": False, "failure": "conflict"}
     sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", own)
-    with pytest.MonkeyPatch.context() as patch, seated_here():
+    with pytest.MonkeyPatch.context() as patch, class_in_process():
         patch.syspath_prepend(folder)
         assert run_exam(prepare(sections, ads_class="drivers_of_why:Careless"), folder / "exam", quiet=True) == []
         own_page = folder / "exam" / "why" / "report.html"
@@ -172,7 +172,7 @@ def test_at_the_limit_the_worst_failure_is_looked_at_first_and_the_rest_is_said_
     """The first run comes to its end whatever the limit, and none follows it; the runs that are done count as any."""
     monkeypatch.syspath_prepend(explained.parent)
     exam = shutil.copytree(explained, tmp_path / "exam", ignore=shutil.ignore_patterns("why"))
-    with seated_here():
+    with class_in_process():
         page = explain_exam(exam, 3, workers=1, quiet=True, limit=0.0).read_text()
         cut = json.loads((exam / "why" / "report.json").read_text())
         explain_exam(exam, 1, workers=1, quiet=True)

@@ -57,7 +57,7 @@ def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
     def at_the_page(*_: object) -> Iterator[Callable[[], Driver]]:
         yield lambda: Person(page, period, factor)
 
-    exam = dataclasses.replace(exam, seat=at_the_page)
+    exam = dataclasses.replace(exam, driver=at_the_page)
     take_folder(folder, identity_of(exam))
     _compile(exam)
     runs = [(name, part) for name in exam.opponents for part in exam.parts()]

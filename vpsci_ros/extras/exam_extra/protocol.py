@@ -88,7 +88,7 @@ def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
     }  # fmt: skip
     sections = dataclasses.replace(exam.sections, values={**exam.sections.values, "world_simulator": own | changed})
     run, world = sections.get(RunConfig, "world_simulator"), sections.get(WorldConfig, "world_simulator")
-    return ProtocolExam(sections, exam.config, run, world, exam.files, seat=exam.seat)
+    return ProtocolExam(sections, exam.config, run, world, exam.files, driver=exam.driver)
 
 
 def run_protocol(

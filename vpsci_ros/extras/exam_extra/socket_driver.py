@@ -152,7 +152,7 @@ def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int 
         )
     require_lock_step(exam)
     require_own(exam.simulator.engine, "a program behind a socket drives")
-    return dataclasses.replace(exam, seat=partial(connected, command, port, exam.world.tick))
+    return dataclasses.replace(exam, driver=partial(connected, command, port, exam.world.tick))
 
 
 @contextlib.contextmanager
