@@ -140,8 +140,8 @@ def list_events(state: NDArray[np.void], bits: NDArray[np.uint16]) -> NDArray[np
     return out
 
 
-def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Return several EVENT arrays as one, EVENT[n]; joined as bytes, since numpy copies records field by field."""
+def concat_events(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Return several EVENT arrays as one, EVENT[n]; as bytes, since numpy copies records field by field."""
     if len(parts) < 2:
         return parts[0] if parts else NO_EVENTS
     return np.concatenate([part.view(np.uint8) for part in parts]).view(EVENT)

@@ -16,7 +16,7 @@ from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recordings import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Points, Scenario
 from vpsci_ros.world.spawn import spawn_all
-from vpsci_ros.world.state import ENDED, EPISODE, IDLE, NO_EVENTS, NONE, RUNNING, joined, list_events
+from vpsci_ros.world.state import ENDED, EPISODE, IDLE, NO_EVENTS, NONE, RUNNING, concat_events, list_events
 from vpsci_ros.world.tables import Inputs, crowd_from, settings_from, tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 
@@ -119,7 +119,7 @@ class World:
         self._ended = self._bits.nonzero()[0]
         arrived = list_events(self.state, self._bits)
         happened = [events for events in (decided, arrived, self._begin(self.now.number + 1)) if len(events)]
-        return joined(happened)
+        return concat_events(happened)
 
     def _move(self, answers: Inputs, part: slice) -> None:
         own = Inputs(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
