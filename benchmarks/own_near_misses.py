@@ -28,7 +28,7 @@ from vpsci_ros.evaluation.simulators import policy, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.extras.paper.realism.controls import residual_sampler
 from vpsci_ros.policy.bank import Bank, describe
-from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables, situations_in_track
+from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables, recorded_situations
 from vpsci_ros.policy.policy_file import load_policy
 
 NEAR = 16  # situations by which sources are compared
@@ -127,7 +127,7 @@ def nearer_source(bank: Bank, onsets: Onsets) -> NDArray[np.str_]:
     Features are compared in the mean of the sources' standard deviations.
     """
     until = zip(onsets.interactions.motion, onsets.interactions.first, strict=True)
-    seen, _ = describe(np.stack([situations_in_track(motion[: at + 1])[-1] for motion, at in until]))
+    seen, _ = describe(np.stack([recorded_situations(motion[: at + 1])[-1] for motion, at in until]))
     scale = np.mean([own.scale for own in bank.reactions.values()], axis=0)
     gaps = []
     for own in bank.reactions.values():

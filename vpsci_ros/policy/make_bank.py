@@ -1,7 +1,7 @@
 """Make a bank of recorded reactions from near misses, in seconds.
 
-A *track* here is the recorded motion of both agents of a near miss, float64[T, 9], a row for each step of 0.1 s with
-the columns `MOTION` of its table.
+A *motion* here is that of vehicle and pedestrian in a near miss, float64[T, 9]: a row for each step of 0.1 s, with the
+columns `MOTION` of the near-miss table.
 
 Recorded accelerations are those of the motion that passes nearest to the recorded positions, with little jerk:
 differences of published speeds neither lead along these positions, nor are they free of noise.
@@ -66,7 +66,7 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     table = concat_near_misses([*map(read_near_misses, names), *elsewhere])
     table, held_out = split_by_name(table, without, "--without") if without else (table, table.head(0))
     parts = [part for part in table.partition_by("interaction", maintain_order=True) if part.height > 1]
-    tracks = [part.select(MOTION).to_numpy() for part in parts]
+    motions = [part.select(MOTION).to_numpy() for part in parts]
     first = np.array([(part["curvttc"] < CRITICAL_TTC).arg_max() for part in parts], np.int64)
     sources = np.array([source_of(part["source"][0]) for part in parts])
     foreign = {source_of(source) for other in elsewhere for source in other["source"].unique()}
@@ -77,7 +77,7 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     people = {}
     for name in own:
         rows = np.flatnonzero((sources == name) | borrowed)
-        reactions = reactions_of([tracks[row] for row in rows], first[rows], borrowed[rows])
+        reactions = reactions_of([motions[row] for row in rows], first[rows], borrowed[rows])
         if reactions is not None:
             people[name] = reactions
     if not people:
@@ -95,27 +95,26 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
 
 
 def reactions_of(
-    tracks: Sequence[Floats], first: NDArray[np.int64], foreign: NDArray[np.bool_] | None = None
+    motions: Sequence[Floats], first: NDArray[np.int64], foreign: NDArray[np.bool_] | None = None
 ) -> Reactions | None:
-    """Return the reactions of N tracks of one source; None if no onset has 3 s after it.
+    """Return the reactions of N motions of one source; None if no onset has 3 s after it.
 
-    :param tracks: float64[T, 9] each, of two steps or more.
+    :param motions: float64[T, 9] each, of two steps or more.
     :param first: int64[N], the step of the onset.
-    :param foreign: bool[N], the track is of another place: each of its situations counts as `FOREIGN` further away.
+    :param foreign: bool[N], the motion is of another place: each of its situations counts as `FOREIGN` further away.
         Standard deviations and slopes are means of those of all onsets and of one's own alone, see `FEW`.
     """
-    known = np.array([len(track) - 1 for track in tracks])  # steps whose actions are known
+    known = np.array([len(motion) - 1 for motion in motions])  # steps whose actions are known
     onsets = np.flatnonzero(first <= known - LEAST)
     if len(onsets) == 0:
         return None
     count, regular = len(onsets), [np.arange(SETTLED, end - LEAST + 1, EVERY) for end in known]
-    rows = np.concatenate([onsets, np.repeat(np.arange(len(tracks)), [len(steps) for steps in regular])])
+    rows = np.concatenate([onsets, np.repeat(np.arange(len(motions)), [len(each) for each in regular])])
     at = np.concatenate([first[onsets], *regular])
-    situations = np.concatenate([situations_in_track(track) for track in tracks])
-    situations = situations[(np.cumsum(known + 1) - known - 1)[rows] + at]
-    features, side = describe(situations)
-    steps, ends = np.concatenate([actions_of(fitted(track)) for track in tracks]), np.cumsum(known)
+    steps, ends = np.concatenate([actions_of(fitted(motion)) for motion in motions]), np.cumsum(known)
     begin = (ends - known)[rows] + at
+    situations = np.concatenate([recorded_situations(motion)[:-1] for motion in motions])[begin]
+    features, side = describe(situations)
     begun = features[:count]
     relative = _relative(steps[begin[:count, None] + np.arange(LEAST)], begun[:, 0])
     scale, slope = _fit_onsets(begun, relative, side[:count])
@@ -139,21 +138,21 @@ def reactions_of(
     )
 
 
-def situations_in_track(track: Floats) -> Floats:
-    """Return the situation at each step of a track, float64[T, 9] -> float64[T, 7]; see `bank.situations_of`.
+def recorded_situations(motion: Floats) -> Floats:
+    """Return the situation at each step of a motion, float64[T, 9] -> float64[T, 7]; see `bank.situations_of`.
 
     Acceleration and yaw rate of the vehicle are slopes over the 0.4 s before.
     """
-    seen, _ = observe_arrays(*track.T)
-    return situations_of(seen, trailing_slope(np.hypot(track[:, 3], track[:, 4])), trailing_slope(track[:, 2]))
+    seen, _ = observe_arrays(*motion.T)
+    return situations_of(seen, trailing_slope(np.hypot(motion[:, 3], motion[:, 4])), trailing_slope(motion[:, 2]))
 
 
-def actions_of(track: Floats) -> Floats:
-    """Return the actions of both agents at each step of a track but the last, float64[T - 1, 4], see `bank.ACTIONS`."""
-    heading, velocities = track[:-1, 2], (track[:, 3:5], track[:, 7:9])
+def actions_of(motion: Floats) -> Floats:
+    """Return the actions of both agents at each step of a motion but the last, float64[T - 1, 4], see `bank.ACTIONS`."""
+    heading, velocities = motion[:-1, 2], (motion[:, 3:5], motion[:, 7:9])
     changes = [arrays_to_heading_frame(heading, np.diff(velocity, axis=0)) for velocity in velocities]
     done = (np.concatenate(changes, axis=1) / STEP).astype(np.float32).astype(np.float64)  # as a training reads them
-    speed = np.maximum(np.hypot(track[:-1, 3], track[:-1, 4]), SLOWEST)
+    speed = np.maximum(np.hypot(motion[:-1, 3], motion[:-1, 4]), SLOWEST)
     done[:, 1] /= speed * speed
     return done
 
@@ -190,17 +189,17 @@ def _slopes(features: Floats, done: Floats, side: Floats) -> Floats:
     return out
 
 
-def fitted(track: Floats) -> Floats:
-    """Return a track, float64[T, 9], with the motion fitted to the recorded positions.
+def fitted(motion: Floats) -> Floats:
+    """Return the motion, float64[T, 9], fitted to the recorded positions.
 
     The vehicle moves along its heading and does not roll backwards.
     """
-    out, (velocity, position) = track.copy(), _fit(len(track))
+    out, (velocity, position) = motion.copy(), _fit(len(motion))
     for place, speed in ((0, 3), (5, 7)):
-        recorded = track[:, place : place + 2].copy()
+        recorded = motion[:, place : place + 2].copy()
         out[:, speed : speed + 2] = np.einsum("ts,sk->tk", velocity, recorded)
         out[:, place : place + 2] = np.einsum("ts,sk->tk", position, recorded)
-    out[:, 2] = _headings(track[:, 2], out[:, 3:5])
+    out[:, 2] = _headings(motion[:, 2], out[:, 3:5])
     c, s = np.cos(out[:, 2]), np.sin(out[:, 2])
     along = np.maximum(c * out[:, 3] + s * out[:, 4], 0.0)
     out[:, 3], out[:, 4] = along * c, along * s

@@ -21,7 +21,7 @@ STREAM_EXPLORATION = 1  # add the policy step shifted left by 8, so that each st
 STREAM_KIND = 2  # of which kind a pedestrian is
 STREAM_CROWD = 3  # how many pedestrians there are, and what each is to the first
 STREAM_PERCEPTION = 20  # errors of the objects that a driving system gets; add the frame shifted left by 8
-STREAM_REACTION = 21  # which recorded reaction is lent; add the frame shifted left by 8
+STREAM_REACTION = 21  # which recorded reaction is chosen; add the frame shifted left by 8
 
 _MULTIPLIER_0, _MULTIPLIER_1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _WEYL_0, _WEYL_1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
