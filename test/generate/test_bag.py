@@ -7,7 +7,8 @@ import pytest
 from bags.collected import collected
 
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import episode_rows
+from vpsci_ros.data.dataset_tables import arrow_rows
+from vpsci_ros.data.parquet import as_polars
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.verify import first_difference
@@ -23,7 +24,7 @@ def test_a_bag_of_chosen_episodes_holds_the_rows_of_the_dataset(made, tmp_path: 
     assert [tuple(b.records[["scenario", "count"]][0].tolist()) for b in batches] == chosen
     for batch, (scenario, number) in zip(batches, chosen, strict=True):
         expected = data.rows(NAMES[scenario]).filter(pl.col("count") == number)
-        found = episode_rows(batch).with_row_index("row")
+        found = as_polars(arrow_rows(batch)).with_row_index("row")
         assert first_difference(expected, found, 0.0) is None
 
 

@@ -67,7 +67,7 @@ class EpisodeTable:
 
     def add(self, rows: pa.Table) -> None:
         """Append the rows of whole episodes, which follow those added before in the order of their numbers."""
-        self._left = pa.concat_tables([self._left, rows.cast(self._schema)])
+        self._left = pa.concat_tables([self._left, rows])
         while self._left.num_rows >= self._row_group:
             ends = np.append(np.flatnonzero(np.diff(self._left["count"].to_numpy())) + 1, self._left.num_rows)
             end = int(ends[np.searchsorted(ends, self._row_group)])

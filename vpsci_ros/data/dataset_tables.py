@@ -10,6 +10,7 @@ after those of the one before.
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,7 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode_block import RANGES, REASONS, EpisodeBlock
-from vpsci_ros.data.parquet import Column, arrow_schema, as_polars
+from vpsci_ros.data.parquet import Column, arrow_schema
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import OUTCOME_NAMES
 
@@ -60,11 +61,6 @@ INDEX_COLUMNS: dict[str, Column] = {
 }
 
 
-def episode_rows(block: EpisodeBlock) -> pl.DataFrame:
-    """Return the rows of the stored episodes as a file holds them."""
-    return as_polars(arrow_rows(block))
-
-
 def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
     """Return `veh_id` and `ped_id` of rows, int64[n] each.
 
@@ -73,8 +69,8 @@ def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
     return 2 * count, 2 * count + 1 + pedestrian * NEXT_PEDESTRIAN
 
 
-def arrow_rows(block: EpisodeBlock) -> pa.Table:
-    """Return the rows of the stored episodes as an Arrow table with `DATASET_COLUMNS`."""
+def arrow_rows(block: EpisodeBlock, **metadata: Any) -> pa.Table:
+    """Return the rows of the stored episodes as an Arrow table with `DATASET_COLUMNS`, and `metadata` in its schema."""
     several = np.where(block.records["rows"] > 0, block.records["pedestrians"], 0)
     lengths = np.repeat(block.records["frames"], several)  # a pair each
     count = np.repeat(np.repeat(block.records["count"], several), lengths)
@@ -82,7 +78,7 @@ def arrow_rows(block: EpisodeBlock) -> pa.Table:
     frame = (np.arange(len(count)) - np.repeat(np.cumsum(lengths) - lengths, lengths)).astype(np.int32)
     ids = agent_ids(count, np.repeat(person, lengths))
     columns = [count, frame, *ids, *(np.ascontiguousarray(each) for each in block.values.T)]
-    return pa.table([pa.array(column) for column in columns], schema=arrow_schema(DATASET_COLUMNS, {}))
+    return pa.table([pa.array(column) for column in columns], schema=arrow_schema(DATASET_COLUMNS, metadata))
 
 
 def index_table(records: NDArray[np.void]) -> pl.DataFrame:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, arrow_rows
 from vpsci_ros.data.episode_block import RECORD, EpisodeBlock
-from vpsci_ros.data.parquet import arrow_schema, read_metadata
+from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import Unit
@@ -36,9 +36,8 @@ _NUMBERS = [name for name, column in DATASET_COLUMNS.items() if column.dtype.is_
 def write_part(path: Path, block: EpisodeBlock) -> None:
     """Write the episodes of a unit, in the order of their numbers."""
     records = block.records.tobytes()
-    schema = arrow_schema(DATASET_COLUMNS, {"records": records.hex(), "checksum": zlib.crc32(records)})
+    rows = arrow_rows(block, records=records.hex(), checksum=zlib.crc32(records))
     with atomic_write(path) as part:
-        rows = arrow_rows(block).cast(schema)
         pq.write_table(rows, part, compression="none", use_dictionary=_NUMBERS, write_page_checksum=True)
 
 

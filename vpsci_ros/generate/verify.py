@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION, FORM_OF_GENERATED
 from vpsci_ros.data.dataset_reader import Dataset, file_table
-from vpsci_ros.data.dataset_tables import FORMATS, INDEX, REJECTED, episode_rows, index_table
+from vpsci_ros.data.dataset_tables import FORMATS, INDEX, REJECTED, arrow_rows, index_table
 from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks
+from vpsci_ros.data.parquet import as_polars
 from vpsci_ros.documents import listed, reason, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
@@ -96,7 +97,7 @@ def verify(
             index = chosen & (pl.col("scenario") == scenario.number)
             wanted = {INDEX: (data.index, index_table(block.records), index)}
             for name, kept in files.items():
-                expected = episode_rows(block.only(block.kept == kept))
+                expected = as_polars(arrow_rows(block.only(block.kept == kept)))
                 wanted[name] = partial(file_table, folder / name), expected, chosen
             found = {name: _difference(*each, tolerance) for name, each in wanted.items()}
             findings += [Finding(name, name in changed, what) for name, what in found.items() if what is not None]
