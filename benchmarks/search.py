@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.data.gathered import Tick, gathered
+from vpsci_ros.data.gathered import gathered
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.config import MOVING
 from vpsci_ros.exam.exam import Exam, prepare
@@ -33,7 +33,7 @@ from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.world import IDLE
-from vpsci_ros.world.tick import Actions
+from vpsci_ros.world.tick import Actions, Step
 
 PEDESTRIAN = "learned"
 LATE = 8  # [ticks] by which the driver sees the pedestrian late
@@ -88,10 +88,9 @@ def drive(exam: Exam, keys: list[Key], *, learn: bool) -> Driven:
     """Return what the driver made of these episodes; lessons only where somebody is to learn from them."""
     loop, driver = loop_with(exam, PEDESTRIAN, "external", keys, _BATCH), LateDriver()
 
-    def ticks() -> Iterator[Tick]:
+    def ticks() -> Iterator[Step]:
         while not loop.world.done:
-            step = loop.step(Actions(vehicle=driver.act(loop.world.now.state)))
-            yield step.tick.state, step.assessment.curvttc, step.assessment.distance
+            yield loop.step(Actions(vehicle=driver.act(loop.world.now.state)))
 
     failed, whole = set[Key](), list[Episode]()
     for episode in gathered(ticks(), exam.world.tick, exam.scenarios):

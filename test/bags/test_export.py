@@ -8,9 +8,9 @@ from rich.console import Console
 
 from vpsci_ros.bags import export
 from vpsci_ros.bags.export import export_bag, provenance_of
-from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.run_record import NODE, node_record
 from vpsci_ros.bags.writer import BagWriter
+from vpsci_ros.data.gathered import RecordedTick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.summary import print_info
 from vpsci_ros.world.state import COLLISION, GOAL

@@ -9,7 +9,7 @@ import pytest
 
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.episode_file import EPISODE_COLUMNS, read_episodes, write_episodes
+from vpsci_ros.data.episode_file import EPISODE_COLUMNS, read_episode_file, write_episodes
 from vpsci_ros.data.gathered import gathered
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import World, WorldConfig, load_scenarios
@@ -20,8 +20,7 @@ def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: P
     scenarios = load_scenarios([1, 104], [])
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=2.0)
     steps = Loop(World(config, scenarios, [(1, 0), (104, 0)], 2, 1))
-    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    episodes = list(gathered(ticks, config.tick, scenarios, source="a loop"))
+    episodes = list(gathered(steps, config.tick, scenarios, source="a loop"))
     assert [episode.name for episode in episodes] == ["1:0", "104:0"], "of one number, in different scenarios"
     people = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
     two = {name: np.vstack([getattr(episodes[0], name), 1.0 + getattr(episodes[0], name)]) for name in people}
@@ -29,7 +28,7 @@ def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: P
     episodes[0] = dataclasses.replace(episodes[0], **two)
     path = tmp_path / "frames.parquet"
     write_episodes(path, episodes)
-    for one, other in zip(episodes, read_episodes(path), strict=True):
+    for one, other in zip(episodes, read_episode_file(path), strict=True):
         assert (one.listed, one.period) == (other.listed, other.period)
         assert one.scenario is not None
         assert other.scenario is not None
@@ -47,6 +46,6 @@ def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: P
     for damaged in (whole[:-200], bytes(flipped)):
         path.write_bytes(damaged)
         with pytest.raises(InvalidInput, match=r"frames.parquet: expected the episodes of a run in Parquet, not read"):
-            read_episodes(path)
+            read_episode_file(path)
     write_episodes(path, [])
-    assert read_episodes(path) == []
+    assert read_episode_file(path) == []

@@ -10,8 +10,8 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
-from vpsci_ros.exam.conduct import episodes_in_bag
 from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.in_graph import episodes_in_bag
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir

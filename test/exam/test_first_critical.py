@@ -7,9 +7,9 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.exam.conduct import episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.in_graph import episodes_in_bag
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
@@ -28,8 +28,7 @@ def run(scenario: int = 104, **config: object):
     chosen = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", **config)
     scenarios = load_scenarios([scenario])
     world = World(chosen, scenarios, [(scenario, e) for e in range(EPISODES)], EPISODES, 3)
-    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in Loop(world))
-    driven, found = episodes_of(ticks, chosen.tick, scenarios, "")
+    driven, found = episodes_of(Loop(world), chosen.tick, scenarios, "")
     return found, driven
 
 

@@ -12,15 +12,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.bags.episodes import read_episodes
+from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.episode_file import FRAMES
-from vpsci_ros.data.episode_file import read_episodes as read_episode_file
+from vpsci_ros.data.episode_file import FRAMES, read_episode_file
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import in_process
 from vpsci_ros.exam.conduct import read_run, run_with
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.run import read_exam, run_exam
+from vpsci_ros.exam.run import run_exam
+from vpsci_ros.exam.view import read_exam
 from vpsci_ros.resources import params_dir
 from vpsci_ros.view.episode_sources import open_source
 
@@ -59,7 +59,8 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     alone = run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True).episodes
     monkeypatch.setattr(in_process, "SIDE_BY_SIDE", 3)
     three = run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True).episodes
-    recorded = sorted(read_episodes(tmp_path / "alone" / "runs" / "walker" / "bag"), key=lambda episode: episode.key)
+    bag = tmp_path / "alone" / "runs" / "walker" / "bag"
+    recorded = sorted(read_bag_episodes(bag), key=lambda episode: episode.key)
     (tmp_path / "alone" / "runs" / "walker" / FRAMES).unlink()
     from_bag = read_run(small_exam(bags=True), tmp_path / "alone", "walker").episodes  # as that of a graph is
     assert (tmp_path / "alone" / "runs" / "walker" / FRAMES).is_file()

@@ -10,10 +10,12 @@ import pytest
 
 from vpsci_ros.exam import conduct
 from vpsci_ros.exam import exam as exam_module
-from vpsci_ros.exam.conduct import driven_episodes, run_with_all
+from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.result import Conduct, RunResult
+from vpsci_ros.exam.view import stored_episodes
 
 Small = Callable[..., Exam]
 DIES_ONCE = """
@@ -43,7 +45,8 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
     table = episode_table(found, [], small_exam().config, driver="ads", pedestrian="walker").drop("time_lost")
     whole = pl.read_parquet(driven / "episodes.parquet").filter(pl.col("pedestrian") == "walker")
     assert table.equals(whole.drop("time_lost"))
-    assert sorted(episode.name for episode in driven_episodes(tmp_path, "walker")) == ["104:0", "104:1", "1:0", "1:1"]
+    stored = stored_episodes(tmp_path, ADS, "walker")
+    assert sorted(episode.name for episode in stored) == ["104:0", "104:1", "1:0", "1:1"]
 
 
 class Backwards:

@@ -5,7 +5,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vpsci_ros.bags.episodes import read_episodes
+from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.data.episode_file import FRAMES, write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
@@ -15,8 +15,7 @@ from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.report import BASELINE
 from vpsci_ros.exam.result import RunResult
-from vpsci_ros.exam.run import read_exam
-from vpsci_ros.exam.view import exam_sources
+from vpsci_ros.exam.view import exam_sources, read_exam
 from vpsci_ros.runs.config import Sections
 
 
@@ -36,11 +35,11 @@ def rows(found, driver):
 
 
 def sources(table, autopilot, limit=1000):
-    return exam_sources(table, {BASELINE: lambda _: autopilot}, limit)
+    return exam_sources(table, {BASELINE: {"walker": autopilot}}, limit)
 
 
 def test_an_exam_that_is_over_is_shown_with_its_verdicts(own_bag, autopilot, tmp_path: Path) -> None:
-    driven = list(read_episodes(own_bag))
+    driven = list(read_bag_episodes(own_bag))
     (tmp_path / "runs" / "walker").mkdir(parents=True)
     write_episodes(tmp_path / "runs" / "walker" / FRAMES, driven)
     table = rows(driven, "ads")

@@ -14,7 +14,8 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.run import read_exam, run_exam
+from vpsci_ros.exam.run import run_exam
+from vpsci_ros.exam.view import read_exam
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.policy.agent_types import make_agent

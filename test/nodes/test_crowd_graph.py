@@ -7,8 +7,7 @@ from bags.collected import collected
 from composed import composed
 from rosbags.highlevel import AnyReader
 
-from vpsci_ros.bags.episodes import bag_episodes
-from vpsci_ros.bags.episodes import read_episodes as one_by_one
+from vpsci_ros.bags.episodes import bag_episodes, read_bag_episodes
 from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
@@ -58,7 +57,7 @@ def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp
     people = {(int(each["scenario"]), int(each["count"])): int(each["pedestrians"]) for each in records}
     for episode in episodes:
         assert 2 <= people[episode.key] <= 3
-        (found,) = one_by_one(bag, [episode])
+        (found,) = read_bag_episodes(bag, [episode])
         assert found.pedestrians == people[episode.key]
         assert episode.least_curvttc == (0.0 if episode.outcome == "collision" else pytest.approx(found.least_curvttc))
     several = sum(int(each["rows"]) for each in records)

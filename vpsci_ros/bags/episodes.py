@@ -13,15 +13,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.gathered import gathered
+from vpsci_ros.data.gathered import RecordedTick, episode_rows, gathered
 from vpsci_ros.documents import given_names, listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.crowd import episode_rows
 from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
 
 RECORD = "vpsci_episode"  # name of the records
@@ -215,7 +213,7 @@ def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterat
         yield from read_bag(bag, start=start, stop=stop)
 
 
-def read_episodes(bag: str | Path | Bag, chosen: Collection[BagEpisode] | None = None) -> Iterator[Episode]:
+def read_bag_episodes(bag: str | Path | Bag, chosen: Collection[BagEpisode] | None = None) -> Iterator[Episode]:
     """Yield the episodes of a bag as they end.
 
     :param chosen: only these; None: all.
@@ -226,5 +224,5 @@ def read_episodes(bag: str | Path | Bag, chosen: Collection[BagEpisode] | None =
     ticks = read_bag(bag) if chosen is None else episode_ticks(bag, chosen)
     if (first := next(ticks, None)) is not None:
         wanted = None if chosen is None else {episode.key for episode in chosen}
-        parts = ((tick.state, tick.curvttc, tick.distance) for tick in itertools.chain([first], ticks))
-        yield from gathered(parts, first.period, scenarios, wanted=wanted, source=str(bag.path))
+        ticks = itertools.chain([first], ticks)
+        yield from gathered(ticks, first.period, scenarios, wanted=wanted, source=str(bag.path))

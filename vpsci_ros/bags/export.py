@@ -9,7 +9,6 @@ import numpy as np
 from rich.console import Console
 
 from vpsci_ros.bags.episodes import bag_episodes, choose, episode_ticks
-from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.ticks import read_bag
@@ -18,7 +17,7 @@ from vpsci_ros.data.dataset_tables import FORMATS
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
-from vpsci_ros.data.gathered import NO_SCENARIO, group_of
+from vpsci_ros.data.gathered import NO_SCENARIO, RecordedTick, group_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import sha256
 

@@ -8,13 +8,12 @@ sizes that the safety monitor has by default.
 
 import itertools
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.data.gathered import NO_SCENARIO
+from vpsci_ros.data.gathered import NO_SCENARIO, RecordedTick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import TYPES, motion
@@ -27,17 +26,6 @@ JUMP = 2.0  # [m] further than the speed explains
 APART = 0.1  # [s] between two messages that are taken together
 SLOW = 0.1  # [m/s] below which a yaw rate says nothing of a path's curvature
 Floats = NDArray[np.float64]
-
-
-class RecordedTick(NamedTuple):
-    """The world and the safety monitor's answer at one tick; NaN where the bag has no answer."""
-
-    number: int
-    period: float  # [s] from one tick to the next
-    state: NDArray[np.void]  # EPISODE[B]; fields that the message does not carry are 0
-    curvttc: NDArray[np.float64]  # [B] [s]
-    distance: NDArray[np.float64]  # [B] [m]
-    time: int = 0  # [ns] log time in the bag
 
 
 def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:

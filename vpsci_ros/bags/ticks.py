@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.odometry import ODOMETRY, RecordedTick, odometry_ticks
+from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
 from vpsci_ros.bags.reader import Bag, opened
+from vpsci_ros.data.gathered import RecordedTick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedSafety, read_safety_state

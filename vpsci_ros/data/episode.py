@@ -1,7 +1,7 @@
 """An episode of motion: one vehicle and the pedestrians that it meets, from wherever it was recorded or simulated.
 
-Near-miss tables, datasets, bags and simulations are read into this one value (`view.sources.read_episodes`), and
-whatever looks at episodes one by one takes it. Frames that nobody saw are NaN; `filled` closes them.
+Near-miss tables, datasets, bags and simulations are read into this one value, and whatever looks at episodes one by one
+takes it; `view.episode_sources.read_episodes` reads any of them. Frames that nobody saw are NaN; `filled` closes them.
 """
 
 import itertools

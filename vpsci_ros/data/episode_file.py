@@ -73,7 +73,7 @@ def _rows(episodes: Sequence[Episode]) -> pl.DataFrame:
     return pl.DataFrame(columns).cast({name: column.dtype for name, column in EPISODE_COLUMNS.items()})
 
 
-def read_episodes(path: Path) -> list[Episode]:
+def read_episode_file(path: Path) -> list[Episode]:
     """Return the episodes of a file of `write_episodes`.
 
     :raises InvalidInput: it cannot be read, or holds something else.

@@ -7,39 +7,23 @@ made of its bag.
 """
 
 import contextlib
-import dataclasses
-import itertools
 import os
 import shutil
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.data.episode_file import FRAMES, read_episodes
-from vpsci_ros.data.gathered import Tick
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, title_of
+from vpsci_ros.data.episode_file import FRAMES
+from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.in_graph import counts_of, domain_of, run_in_graph
+from vpsci_ros.exam.in_graph import domain_of, result_of_graph, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
-from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, episodes_of, read_result, write_result
-from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder, write_result
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
-from vpsci_ros.wire.layout import EVENTS
-from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.crowd import episode_rows
-from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 
 class Run(NamedTuple):
@@ -122,29 +106,10 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     for parent in (run.parent, folder / "logs"):
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{run.name}.log"
-    drive = run_in_process if exam.in_process else run_in_graph
-    drive(exam, name, run, log, quiet=quiet)
+    if exam.in_process:
+        return run_in_process(exam, name, run, log, quiet=quiet)
+    run_in_graph(exam, name, run, log, quiet=quiet)
     return read_run(exam, folder, name)
-
-
-def label_of(pedestrian: str, part: int) -> str:
-    """Return the name of a run's folder: walker, walker-2, walker-3."""
-    return f"{pedestrian}-{part + 1}" if part else pedestrian
-
-
-def run_folder(folder: Path, pedestrian: str, part: int) -> Path:
-    """Return the folder of a run of the exam in `folder`."""
-    return folder / "runs" / label_of(pedestrian, part)
-
-
-def driven_episodes(folder: Path, pedestrian: str) -> Iterator[Episode]:
-    """Yield the episodes that an exam's driving system drove with one pedestrian, part by part.
-
-    :raises InvalidInput: what a run left cannot be read.
-    """
-    found = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count())
-    for path in itertools.takewhile(Path.is_file, found):
-        yield from read_episodes(path)
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
@@ -178,64 +143,11 @@ def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
     :raises InvalidInput: what it left cannot be read, though it came to its end.
     """
     run = run_folder(folder, name, exam.part)
-    if not (run / FRAMES).is_file():
-        record = read_record(run / RECORD)
-        if record is None:
-            return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
-        write_result(run / FRAMES, _read_bag(exam, name, run / "bag", _conduct(exam, name, record)))
-    return read_result(run / FRAMES)
-
-
-def _conduct(exam: Exam, name: str, record: Mapping[str, Any]) -> Conduct:
-    nodes = record["results"].get("nodes", {})
-    counts = counts_of({node: NodeStatus.of(values) for node, values in nodes.items()}) or WorldCounts()
-    failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
-    refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
-    return Conduct(len(exam.episodes), refused, surplus, counts.safe_stops, failure)
-
-
-def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
-    if conduct.failure and not bag.is_dir():
-        return RunResult([], conduct)  # it failed before the recorder wrote anything
-    recording = Bag(bag, recover=bool(conduct.failure))
-    events = recording.topics().get(EVENTS)
-    if events is not None and not events.messages:
-        return RunResult([], conduct)  # no episode has begun
-    unanswered: Counter[Key] = Counter()
-
-    def count(events: NDArray[np.void]) -> None:
-        for event in events:
-            unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
-
-    try:
-        found, first_critical = episodes_in_bag(recording, exam, count)
-    except InvalidInput:
-        if not conduct.failure:
-            raise
-        return RunResult([], conduct)  # whose failure says why, such as another graph's states among its own
-    own = [episode for episode in found if unanswered[episode.key] < SILENT_TICKS]
-    if len(own) < len(found) and not conduct.failure:
-        left = f"{len(found) - len(own)} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
-        conduct = dataclasses.replace(conduct, failure=left)
-    return RunResult(own, conduct, dict(+unanswered), first_critical)
-
-
-def episodes_in_bag(
-    bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None
-) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of a bag, and the first critical pedestrian of each.
-
-    :param take_events: called with the EVENT[n] of each message of events.
-    :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
-    """
-    own = set(exam.episodes)
-
-    def ticks() -> Iterator[Tick]:
-        for tick in read_bag(bag, take_events=take_events):
-            for rows in episode_rows(tick.state):
-                first = tick.state[rows[0]]
-                if (key := (int(first["scenario"]), int(first["episode"]))) not in own:
-                    raise InvalidInput(f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
-            yield tick.state, tick.curvttc, tick.distance
-
-    return episodes_of(ticks(), exam.world.tick, exam.scenarios, str(bag))
+    if (run / FRAMES).is_file():
+        return read_result(run / FRAMES)
+    record = read_record(run / RECORD)
+    if record is None:
+        return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
+    result = result_of_graph(exam, name, run / "bag", record)
+    write_result(run / FRAMES, result)
+    return result

@@ -1,22 +1,34 @@
-"""A run of an exam through the graph of nodes, for a driving system that is a ROS program."""
+"""A run of an exam through the graph of nodes, for a driving system that is a ROS program, and its result."""
 
 import contextlib
+import dataclasses
 import shutil
 import time
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.errors import VpsciError
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.gathered import RecordedTick, episode_rows
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
+from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, episodes_of
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 _STOPPED = "stopped on request"
 DYING = 1.0  # [s] from the last command of a system that ends to its end
@@ -97,3 +109,60 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
         sections = Sections({**sections.values, "world_simulator": single})
         world["recorded_bag"] = str(bag)
     return sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
+
+
+def result_of_graph(exam: Exam, name: str, bag: Path, record: Mapping[str, Any]) -> RunResult:
+    """Return the result of a graph's run: the episodes of its bag, without those that the autopilot had to finish.
+
+    :param record: of the run.
+    :raises InvalidInput: the bag cannot be read, though the run came to its end.
+    """
+    nodes = record["results"].get("nodes", {})
+    counts = counts_of({node: NodeStatus.of(values) for node, values in nodes.items()}) or WorldCounts()
+    failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
+    refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
+    conduct = Conduct(len(exam.episodes), refused, surplus, counts.safe_stops, failure)
+    if conduct.failure and not bag.is_dir():
+        return RunResult([], conduct)  # it failed before the recorder wrote anything
+    recording = Bag(bag, recover=bool(conduct.failure))
+    events = recording.topics().get(EVENTS)
+    if events is not None and not events.messages:
+        return RunResult([], conduct)  # no episode has begun
+    unanswered: Counter[Key] = Counter()
+
+    def count(events: NDArray[np.void]) -> None:
+        for event in events:
+            unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
+
+    try:
+        found, first_critical = episodes_in_bag(recording, exam, count)
+    except InvalidInput:
+        if not conduct.failure:
+            raise
+        return RunResult([], conduct)  # whose failure says why, such as another graph's states among its own
+    own = [episode for episode in found if unanswered[episode.key] < SILENT_TICKS]
+    if len(own) < len(found) and not conduct.failure:
+        left = f"{len(found) - len(own)} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
+        conduct = dataclasses.replace(conduct, failure=left)
+    return RunResult(own, conduct, dict(+unanswered), first_critical)
+
+
+def episodes_in_bag(
+    bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None
+) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
+    """Return the episodes of a bag, and the first critical pedestrian of each.
+
+    :param take_events: called with the EVENT[n] of each message of events.
+    :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
+    """
+    own = set(exam.episodes)
+
+    def ticks() -> Iterator[RecordedTick]:
+        for tick in read_bag(bag, take_events=take_events):
+            for rows in episode_rows(tick.state):
+                first = tick.state[rows[0]]
+                if (key := (int(first["scenario"]), int(first["episode"]))) not in own:
+                    raise InvalidInput(f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
+            yield tick
+
+    return episodes_of(ticks(), exam.world.tick, exam.scenarios, str(bag))

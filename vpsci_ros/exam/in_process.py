@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_file import FRAMES
-from vpsci_ros.data.gathered import Tick as Gathered
 from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
@@ -69,12 +68,12 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
 def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
     """Return the result of the rule-based autopilot with one pedestrian, many episodes side by side."""
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
-    found, first_critical = episodes_of(map(_gathered, steps), exam.world.tick, exam.scenarios, BASELINE)
+    found, first_critical = episodes_of(steps, exam.world.tick, exam.scenarios, BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 
-def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
-    """Have the driving system meet one pedestrian; leave result and record in the folder `run`.
+def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
+    """Have the driving system meet one pedestrian; leave result and record in the folder `run`, and return the result.
 
     With `ads_test.bags` it leaves a bag, too, and drives one episode after the other.
     """
@@ -94,13 +93,14 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
             seen = list(ticks)
             write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
-        found, first_critical = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, str(run))
+        found, first_critical = episodes_of(ticks, world.tick, exam.scenarios, str(run))
     episodes = [episode for episode in found if episode.key not in driven.lost]
     failure = driven.failure()
     counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
     said = f"{title_of(name)}: {failure}" if failure else ""
     conduct = Conduct(len(exam.episodes), driven.refused, failure=said)
-    write_result(run / FRAMES, RunResult(episodes, conduct, first_critical=first_critical))
+    result = RunResult(episodes, conduct, first_critical=first_critical)
+    write_result(run / FRAMES, result)
     write_record(
         run / RECORD,
         begun=begun,
@@ -108,6 +108,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
         results={"nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))}},
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
     )
+    return result
 
 
 @contextlib.contextmanager
@@ -124,10 +125,6 @@ def _driver_answers(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
         process = stack.enter_context(class_process(exam.config.ads_class, log, patience))
         process.make_drivers(exam.scenarios, cars, exam.world.spawn)
         yield process.answers
-
-
-def _gathered(step: Step) -> Gathered:
-    return step.tick.state, step.assessment.curvttc, step.assessment.distance
 
 
 def _recorded(steps: Iterable[Step], lost: Collection[Key]) -> Iterator[Step]:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.data.episode_file import read_episodes, write_episodes
-from vpsci_ros.data.gathered import Tick, gathered
+from vpsci_ros.data.episode_file import read_episode_file, write_episodes
+from vpsci_ros.data.gathered import SeenTick, gathered
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
@@ -66,7 +66,7 @@ class RunResult(NamedTuple):
 
 
 def episodes_of(
-    ticks: Iterable[Tick], period: float, scenarios: Sequence[Scenario], source: str
+    ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], source: str
 ) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
     """Return the episodes of ticks, sorted by key, and the first critical pedestrian of each critical episode.
 
@@ -75,14 +75,15 @@ def episodes_of(
     first_critical: dict[Key, FirstCritical] = {}
     parked = parked_from(scenarios)
 
-    def watched() -> Iterator[Tick]:
-        for state, curvttc, distance in ticks:
-            critical = (state["status"] != IDLE) & (curvttc < CRITICAL_TTC)
+    def watched() -> Iterator[SeenTick]:
+        for tick in ticks:
+            state = tick.state
+            critical = (state["status"] != IDLE) & (tick.curvttc < CRITICAL_TTC)
             visible = in_sight(state, parked) if critical.any() else critical
             for record, seen in zip(state[critical], visible[critical].tolist(), strict=True):
                 first = FirstCritical(not seen, KINDS[record["kind"]], max(1, int(record["pedestrians"])))
                 first_critical.setdefault((int(record["scenario"]), int(record["episode"])), first)
-            yield state, curvttc, distance
+            yield tick
 
     found = gathered(watched(), period, scenarios, source=source)
     return sorted(found, key=lambda episode: episode.key), first_critical
@@ -104,7 +105,7 @@ def read_result(path: Path) -> RunResult:
 
     :raises InvalidInput: it cannot be read, or the file holds something else.
     """
-    episodes, facts = read_episodes(path), read_metadata(path)
+    episodes, facts = read_episode_file(path), read_metadata(path)
     try:
         return RunResult(
             episodes,
@@ -114,3 +115,13 @@ def read_result(path: Path) -> RunResult:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(f"{path}: not readable as the result of a run ({error}); drive it again") from None
+
+
+def label_of(pedestrian: str, part: int) -> str:
+    """Return the name of a run's folder: walker, walker-2, walker-3."""
+    return f"{pedestrian}-{part + 1}" if part else pedestrian
+
+
+def run_folder(folder: Path, pedestrian: str, part: int) -> Path:
+    """Return the folder of a run of the exam in `folder`."""
+    return folder / "runs" / label_of(pedestrian, part)

@@ -13,27 +13,24 @@ from pathlib import Path
 
 import polars as pl
 
-from vpsci_ros.data.episode_file import read_episodes, write_episodes
-from vpsci_ros.data.parquet import read_parquet, write_parquet
-from vpsci_ros.documents import read_json
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.data.episode_file import write_episodes
+from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
-from vpsci_ros.exam.conduct import driven_episodes, run_with_all
+from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.config import ALONE
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER, episode_table
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
 from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.result import RunResult
-from vpsci_ros.exam.view import Driven, exam_sources
+from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.view.episode_sources import EXAM
+from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.page import write_view
-from vpsci_ros.view.sources import LIMIT, Source
 
 VIEW, REPORT = "view.html", "report.html"
 
@@ -67,7 +64,7 @@ def run_exam(
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
         (folder / BASELINE).mkdir(exist_ok=True)
         for name in pedestrians:
-            write_episodes(_autopilot(folder, name), runs[BASELINE][name].episodes)
+            write_episodes(autopilot_file(folder, name), runs[BASELINE][name].episodes)
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
     if earlier is not None:
@@ -80,11 +77,11 @@ def run_exam(
     write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
     view = VIEW if report["drivers"].get(ADS) else ""
+    episodes = {driver: {name: run.episodes for name, run in found.items()} for driver, found in runs.items()}
     if view:
-        drivers = {driver: _episodes_of(found) for driver, found in runs.items()}
-        sources = exam_sources(table, drivers, LIMIT, report["failure"])
+        sources = exam_sources(table, episodes, LIMIT, report["failure"])
         write_view(folder / view, sources, f"Exam of {exam.config.examined}")
-    write_page(folder / REPORT, report, table, {name: run.episodes for name, run in runs[ADS].items()}, view)
+    write_page(folder / REPORT, report, table, episodes[ADS], view)
     listed = failing(report, table)
     write_summary(folder, report, listed, view)
     write_junit(folder, report, listed)
@@ -100,33 +97,3 @@ def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFram
         episode_table(runs[name], alone, exam.config, driver=driver, pedestrian=name, reach=exam.reach(name))
         for name in names
     )
-
-
-def _episodes_of(runs: Mapping[str, RunResult]) -> Driven:
-    return lambda pedestrian: runs[pedestrian].episodes
-
-
-def is_exam(path: Path) -> bool:
-    """Return whether a path is the folder of an exam."""
-    return (path / EXAM).is_file()
-
-
-def read_exam(folder: Path, limit: int) -> list[Source]:
-    """Return the episodes of a finished exam, see `exam_sources`.
-
-    :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
-    """
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
-    drivers: dict[str, Driven] = {ADS: partial(driven_episodes, folder)}
-    if (folder / BASELINE).is_dir():
-        drivers[BASELINE] = lambda name: read_episodes(_autopilot(folder, name))
-    path = folder / "report.json"
-    failure = read_json(path).get("failure", "collision") if path.is_file() else "collision"
-    found = exam_sources(table, drivers, limit, failure)
-    if not found:
-        raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
-    return found
-
-
-def _autopilot(folder: Path, pedestrian: str) -> Path:
-    return folder / BASELINE / f"{pedestrian}.parquet"

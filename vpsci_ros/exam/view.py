@@ -1,32 +1,80 @@
 """An exam's episodes for the page that plays them: the driving system beside the autopilot."""
 
+import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import polars as pl
 
 from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode_file import FRAMES, read_episode_file
+from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ALONE, title_of
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
 from vpsci_ros.exam.report import ADS, BASELINE
+from vpsci_ros.exam.result import run_folder
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH
-from vpsci_ros.view.sources import Shown, Source, shown
+from vpsci_ros.view.episode_sources import EXAM
+from vpsci_ros.view.pack import Shown, Source
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
 """Shares of episodes that the exam gives: the page filters by them, so that each number opens its episodes."""
-Rows = dict[str, dict[str, Any]]  # name -> row of the table of episodes
-Driven = Callable[[str], Iterable[Episode]]  # pedestrian -> a driver's episodes with it
 _DRIVERS = {ADS: "the ADS", BASELINE: "autopilot"}
 
 
+def is_exam(path: Path) -> bool:
+    """Return whether a path is the folder of an exam."""
+    return (path / EXAM).is_file()
+
+
+def read_exam(folder: Path, limit: int) -> list[Source]:
+    """Return the episodes of a finished exam, see `exam_sources`.
+
+    :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
+    """
+    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
+    drivers = (ADS, BASELINE) if (folder / BASELINE).is_dir() else (ADS,)
+    names = table["pedestrian"].unique().to_list()
+    episodes = {driver: {name: stored_episodes(folder, driver, name) for name in names} for driver in drivers}
+    path = folder / "report.json"
+    failure = read_json(path).get("failure", "collision") if path.is_file() else "collision"
+    found = exam_sources(table, episodes, limit, failure)
+    if not found:
+        raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
+    return found
+
+
+def stored_episodes(folder: Path, driver: str, pedestrian: str) -> Iterator[Episode]:
+    """Yield the stored episodes of an exam's driver with one pedestrian, those of the driving system part by part.
+
+    :raises InvalidInput: a file cannot be read.
+    """
+    parts = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count())
+    driven = itertools.takewhile(Path.is_file, parts)
+    for path in driven if driver == ADS else [autopilot_file(folder, pedestrian)]:
+        yield from read_episode_file(path)
+
+
+def autopilot_file(folder: Path, pedestrian: str) -> Path:
+    """Return the file with the baseline's episodes with one pedestrian."""
+    return folder / BASELINE / f"{pedestrian}.parquet"
+
+
 def exam_sources(
-    table: pl.DataFrame, drivers: Mapping[str, Driven], limit: int, failure: str = "collision"
+    table: pl.DataFrame,
+    episodes: Mapping[str, Mapping[str, Iterable[Episode]]],
+    limit: int,
+    failure: str = "collision",
 ) -> list[Source]:
     """Return the episodes of an exam: each pedestrian with the driving system, and with the autopilot beside it.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
-    :param drivers: the episodes of `ADS` and, unless it is left out, of `BASELINE`.
+    :param episodes: of `ADS` and, unless it is left out, of `BASELINE`, by pedestrian; read one after the other.
     :param limit: episodes at most with each pedestrian, those that came nearest where there are more.
     :param failure: column of what counts as a failure; these and all contacts have the group of their failure.
     """
@@ -36,32 +84,31 @@ def exam_sources(
     rows = marked.filter(pl.col("pedestrian") != ALONE)
     found = []
     for (pedestrian,), of_both in rows.group_by("pedestrian", maintain_order=True):
-        for driver, driven in drivers.items():
+        for driver, by_pedestrian in episodes.items():
             if (mine := of_both.filter(pl.col("driver") == driver)).height:
-                found.append(_source(driver, str(pedestrian), driven(str(pedestrian)), mine, limit))
+                found.append(_source(driver, str(pedestrian), by_pedestrian[str(pedestrian)], mine, limit))
     return found
 
 
 def _source(driver: str, pedestrian: str, episodes: Iterable[Episode], rows: pl.DataFrame, limit: int) -> Source:
     """Return a driver's episodes with what the exam says of them."""
     chosen, title = _chosen(rows, limit), f"{_DRIVERS[driver]}, {title_of(pedestrian)}"
-    found = [_marked(shown(episode), chosen[episode.name]) for episode in episodes if episode.name in chosen]
+    found = [_shown(episode, chosen[episode.name]) for episode in episodes if episode.name in chosen]
     return Source(f"{driver}-{pedestrian}", title, found[0].episode.period, found, rows.height)
 
 
-def _chosen(rows: pl.DataFrame, limit: int) -> Rows:
-    """Return the episodes to show: those that came nearest where there are too many."""
+def _chosen(rows: pl.DataFrame, limit: int) -> dict[str, dict[str, Any]]:
+    """Return name -> row of the episodes to show: those that came nearest where there are too many."""
     if rows.height > limit:
         rows = rows.sort("least_curvttc", "scenario", "episode").head(limit).sort("scenario", "episode")
     return {f"{row['scenario']}:{row['episode']}": row for row in rows.to_dicts()}
 
 
-def _marked(each: Shown, row: dict[str, Any]) -> Shown:
+def _shown(episode: Episode, row: dict[str, Any]) -> Shown:
     """Return an episode with who yielded by the exam, its shares as marks, and the group of its failure."""
     marks = tuple(name for name in MARKS if row[f"mark {name}"])
     marks += ("beyond_range",) if row["range"] == "beyond" else ()
-    group = str(failure_group(row, each.episode)) if row["grouped"] else ""
-    return each._replace(yielded=row["yielded"], marks=marks, failure=group)
+    return Shown(episode, row["yielded"], marks, str(failure_group(row, episode)) if row["grouped"] else "")
 
 
 class FailureGroup(NamedTuple):

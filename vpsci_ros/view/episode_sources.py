@@ -12,22 +12,21 @@ from pathlib import Path
 
 import numpy as np
 
-from vpsci_ros.bags.episodes import bag_episodes
-from vpsci_ros.bags.episodes import read_episodes as read_bag_episodes
+from vpsci_ros.bags.episodes import bag_episodes, read_bag_episodes
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
-from vpsci_ros.data.episode_file import FRAMES
-from vpsci_ros.data.episode_file import read_episodes as read_episode_file
+from vpsci_ros.data.episode_file import FRAMES, read_episode_file
 from vpsci_ros.data.gathered import group_of
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
+from vpsci_ros.view.pack import LIMIT, Source, shown
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 from vpsci_ros.world.scenario import own_documents
@@ -97,6 +96,20 @@ def read_episodes(
     :raises InvalidInput: another kind of file, a damaged one, or an unknown episode.
     """
     return open_source(path, recover=recover).read(wanted, limit)
+
+
+def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> Source:
+    """Return the episodes of a near-miss table, a dataset or a bag for the page.
+
+    :param limit: most episodes, evenly spread.
+    :param wanted: only these episodes.
+    :raises InvalidInput: also without an episode.
+    """
+    found = open_source(path)
+    episodes = [shown(episode) for episode in found.read(wanted, limit)]
+    if not episodes:
+        raise InvalidInput(f"{path}: holds no episode, so there is nothing to show")
+    return Source(found.key, f"{found.key} ({found.kind})", found.period, episodes, len(found.listed))
 
 
 def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:

@@ -1,21 +1,22 @@
-"""Compact episodes: 16-bit whole numbers in base64, and a row of JSON each.
+"""Episodes for the page, and their compact form: 16-bit whole numbers in base64, and a row of JSON each.
 
 A frame takes 22 bytes, 29 in base64: a thousand episodes of 10 s at 0.05 s come to 6 MB. Positions count from the
 middle of their episode. Pedestrians beside the most critical one take eight bytes each and frame more.
 """
 
 import base64
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vpsci_ros.data.episode import Episode, Floats
-from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.view.sources import Source
+from vpsci_ros.data.episode import YIELDED, Episode, Floats
+from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, Yielded
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 from vpsci_ros.world.scenario import shipped_scenarios
 
+LIMIT = 1000  # episodes of a source on one page, unless more are requested
 UNKNOWN, INFINITE, LARGEST = -32768, 32767, 32766
 FINEST = {
     "x": 5e-3,  # [m] centre of the vehicle
@@ -34,6 +35,52 @@ FINEST = {
 FIELDS = tuple(FINEST)
 _WALK = ("ped_x", "ped_y", "ped_vx", "ped_vy")
 OTHER_STEPS = [FINEST[name] for name in _WALK]
+
+
+class Shown(NamedTuple):
+    """An episode on the page, with its most critical pedestrian first.
+
+    :ivar yielded: one of `YIELDED`.
+    :ivar marks: filters of the page, such as "hard_braking".
+    :ivar failure: group of its failure, in words; empty without a failure.
+    """
+
+    episode: Episode
+    yielded: str
+    marks: tuple[str, ...]
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Episodes of one kind.
+
+    :ivar key: name in links, unique on its page.
+    :ivar title: displayed name.
+    :ivar period: time from one frame to the next [s].
+    :ivar total: number of all episodes; `episodes` may be a part of them.
+    :ivar changes: name of another source's episode -> what was changed in it, each a list of episodes of this source by
+        the amount: the page has a slider through them.
+    """
+
+    key: str
+    title: str
+    period: float
+    episodes: Sequence[Shown]
+    total: int
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+
+def shown(episode: Episode) -> Shown:
+    """Return an episode with its yielding and the properties by which the page filters."""
+    code, least = episode.yielded(), episode.least_curvttc
+    applies = {
+        "critical": least < CRITICAL_TTC,
+        "conflict": least < CONFLICT_TTC,
+        "vehicle_yields": code & Yielded.VEHICLE,
+        "pedestrian_yields": code & Yielded.PEDESTRIAN,
+    }
+    return Shown(episode, YIELDED[code], (*(name for name, does in applies.items() if does), *episode.marks))
 
 
 def packed(source: Source) -> dict[str, Any]:

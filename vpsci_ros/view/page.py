@@ -1,11 +1,12 @@
 """The page as one HTML file: template, style, script and episodes."""
 
+import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from vpsci_ros.report import html
-from vpsci_ros.view.pack import grounds, packed
-from vpsci_ros.view.sources import Source, with_unique_keys
+from vpsci_ros.view.pack import Source, grounds, packed
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 SCENE = ("data.js", "scene.js")
@@ -27,6 +28,18 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
         script=inlined(*SCENE, "charts.js", "list.js", "changes.js", "view.js", "controls.js"),
     )
     return path.stat().st_size
+
+
+def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
+    """Return sources with unique keys and titles; repeated ones get a number."""
+    seen: Counter[str] = Counter()
+    out = []
+    for source in sources:
+        seen[source.key] += 1
+        again = seen[source.key]
+        renamed = dataclasses.replace(source, key=f"{source.key}-{again}", title=f"{source.title} {again}")
+        out.append(source if again == 1 else renamed)
+    return out
 
 
 def inlined(*names: str) -> str:

@@ -22,7 +22,6 @@ from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, c
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_CROWD, draw, normal_pair, unit
 from vpsci_ros.world.kinds import TOP_SPEED
-from vpsci_ros.world.state import IDLE
 
 MOST = 8  # pedestrians of an episode
 ROLES = ("alone", "group", "opposite", "follower")
@@ -213,9 +212,3 @@ def leading_rows(state: NDArray[np.void], acting: NDArray[np.bool_], curvttc: ND
     leader = np.full(len(state), len(state))
     np.minimum.at(leader, first[leads], rows[leads])
     return np.where(leader[first] < len(state), leader[first], rows)
-
-
-def episode_rows(state: NDArray[np.void]) -> list[NDArray[np.int64]]:
-    """Return the rows of each episode in EPISODE[B], those of its first pedestrian first; idle rows belong to none."""
-    rows = np.flatnonzero(state["status"] != IDLE)
-    return np.split(rows, np.flatnonzero(state["pedestrian"][rows] == 0)[1:]) if len(rows) else []

@@ -107,6 +107,21 @@ class Step(NamedTuple):
     actions: Actions
     events: NDArray[np.void]  # EVENT[n] of the move to the next tick
 
+    @property
+    def state(self) -> NDArray[np.void]:
+        """State of the tick, EPISODE[B]."""
+        return self.tick.state
+
+    @property
+    def curvttc(self) -> Floats:
+        """CurvTTC of the assessment, float64[B] [s]."""
+        return self.assessment.curvttc
+
+    @property
+    def distance(self) -> Floats:
+        """Distance of the centres of the assessment, float64[B] [m]."""
+        return self.assessment.distance
+
 
 @kernel
 def has_nan(values):  # type: ignore[no-untyped-def]

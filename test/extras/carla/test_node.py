@@ -17,7 +17,7 @@ from nodes.stage import Stage, overrides  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.experimental import EventsExecutor  # noqa: E402
 
-from vpsci_ros.bags.episodes import read_episodes  # noqa: E402
+from vpsci_ros.bags.episodes import read_bag_episodes  # noqa: E402
 from vpsci_ros.bags.verify import verify_bag  # noqa: E402
 from vpsci_ros.cli.parameter_file import load  # noqa: E402
 from vpsci_ros.errors import InvalidInput  # noqa: E402
@@ -58,7 +58,7 @@ def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_h
     session.spin_until(lambda: recorder.quiet)
     recorder.close()
     assert world.counts.nonzero().keys() <= {"tick", "episodes_ended", "timeout", "collision", "goal"}, "no fault"
-    episodes = list(read_episodes(tmp_path / "bag"))
+    episodes = list(read_bag_episodes(tmp_path / "bag"))
     assert [episode.name for episode in episodes] == ["1:0", "1:1"]
     driven = np.hypot(*np.diff([episodes[1].x, episodes[1].y])).sum()
     assert driven > 0.5

@@ -13,10 +13,10 @@ import polars as pl
 import pytest
 from page_client import said, visited
 
-from vpsci_ros.bags.episodes import read_episodes
+from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.run import read_exam
+from vpsci_ros.exam.view import read_exam
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.run import prepare_person, run_drive
 from vpsci_ros.resources import params_dir
@@ -97,7 +97,7 @@ def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_
     drive: tuple[Path, list[dict[str, Any]], float],
 ) -> None:
     folder, seen, _ = drive
-    (episode,) = read_episodes(folder / "runs" / "learned" / "bag")
+    (episode,) = read_bag_episodes(folder / "runs" / "learned" / "bag")
     frames = [each for each in seen if each["type"] == "frame"]
     first = frames[: next(k for k, each in enumerate(frames) if k and each["time"] == 0.0)]
     assert [each["x"] for each in first] == episode.x[: len(first)].tolist()

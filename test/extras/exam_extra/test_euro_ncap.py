@@ -4,6 +4,7 @@ import json
 import math
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ def driven(braking: float) -> dict[int, Episode]:
         while not world.done:
             state = world.state.copy()
             world.advance(world.now.unassessed(), commands)
-            yield state, nothing, nothing
+            yield SimpleNamespace(state=state, curvttc=nothing, distance=nothing)
 
     return {episode.key[0]: episode for episode in gathered(ticks(), CONFIG.tick, SCENARIOS)}
 

@@ -42,7 +42,7 @@ def margins(exam, keys, ticks=None):
         step = loop.step(Actions(vehicle=careless(loop.world.now.state)))
         least.add(step.tick.state, step.assessment.curvttc)
         if ticks is not None:
-            ticks.append((step.tick.state, step.assessment.curvttc, step.assessment.distance))
+            ticks.append(step)
     return np.array([least.found[key] for key in keys])
 
 

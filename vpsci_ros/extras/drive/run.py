@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import is_done, label_of, run_with
+from vpsci_ros.exam.conduct import is_done, run_with
 from vpsci_ros.exam.config import EXTERNAL, PERSON, title_of
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.in_process import autopilot_run, loop_with
-from vpsci_ros.exam.result import RunResult
+from vpsci_ros.exam.result import RunResult, label_of
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.view.pack import Source, shown
 from vpsci_ros.view.page import write_view
-from vpsci_ros.view.sources import Source, shown
 from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.tick import Actions
 

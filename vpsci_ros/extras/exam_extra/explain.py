@@ -25,8 +25,8 @@ from vpsci_ros.report import html
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.episode_sources import EXAM
+from vpsci_ros.view.pack import LIMIT, Shown, Source, shown
 from vpsci_ros.view.page import write_view
-from vpsci_ros.view.sources import LIMIT, Shown, Source, shown
 from vpsci_ros.world.engines import require_own
 
 FOLDER = "why"
@@ -59,8 +59,8 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     why, searches = explain(exam, own, runs, table, failures, workers=workers, limit=limit, quiet=quiet)
     why["groups"] = groups_of(exam, runs, table)
     write_text(own / "report.json", json.dumps(why, indent=2, allow_nan=False) + "\n")
-    driven = {ADS: lambda name: runs[name].episodes}
-    sources = exam_sources(table, driven, LIMIT, why["failure"])
+    episodes = {ADS: {name: run.episodes for name, run in runs.items()}}
+    sources = exam_sources(table, episodes, LIMIT, why["failure"])
     mine = {name: [each for each in searches if each.pedestrian == name] for name in runs}
     sources += [source for name, found in mine.items() if (source := again_source(name, found))]
     write_view(own / "view.html", sources, f"Failures of {stored['ads']}")

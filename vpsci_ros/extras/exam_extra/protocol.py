@@ -31,8 +31,8 @@ from vpsci_ros.report import html
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.page import write_view
-from vpsci_ros.view.sources import LIMIT
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.engines import require_own
@@ -140,8 +140,8 @@ def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> 
     view = ""
     if found[ADS].episodes:
         view = "view.html"
-        drivers = {name: partial(_episodes, run) for name, run in found.items()}
-        sources = exam_sources(pl.concat(tables), drivers, LIMIT)
+        episodes = {name: {EURO_NCAP: run.episodes} for name, run in found.items()}
+        sources = exam_sources(pl.concat(tables), episodes, LIMIT)
         write_view(folder / view, sources, f"{euro_ncap.VERSION}: {exam.config.examined}")
     return {
         "version": euro_ncap.VERSION,
@@ -151,10 +151,6 @@ def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> 
         "left_out": list(euro_ncap.LEFT_OUT),
         "drivers": {name: euro_ncap.rated(_speeds(run.episodes)) for name, run in found.items()},
     }
-
-
-def _episodes(run: RunResult, _: str) -> Sequence[Episode]:
-    return run.episodes
 
 
 def _speeds(episodes: Sequence[Episode]) -> dict[int, float]:
@@ -168,8 +164,7 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     brake = partial(AutopilotBrake, exam.world.proximity_distance)
     cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes), exam.world.spawn)
     steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
-    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    found, first_critical = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
+    found, first_critical = episodes_of(steps, exam.world.tick, exam.scenarios, BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 
