@@ -16,14 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vpsci_ros.data.near_misses import (
-    MOTION,
-    clips_of,
-    concat_near_misses,
-    read_near_misses,
-    split_by_name,
-    table_hash,
-)
+from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses, split_by_name, table_hash
 from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import (
