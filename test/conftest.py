@@ -16,7 +16,7 @@ from typing import Any
 import browser as real
 import numpy as np
 import pytest
-from fork_server import ForkedNode, ForkServer
+from fork_server import ForkedProcess, ForkServer
 from numpy.typing import NDArray
 from synthetic import block_of_pairs, synthetic_near_misses
 
@@ -190,7 +190,7 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def fork_server() -> Iterator[ForkServer]:
-    """The process that forks nodes."""
+    """The process that forks nodes and driving systems' classes."""
     with contextlib.closing(ForkServer()) as server:
         yield server
 
@@ -199,8 +199,21 @@ def fork_server() -> Iterator[ForkServer]:
 def forked_nodes(fork_server: ForkServer) -> Iterator[None]:
     """Have graphs of this module fork their nodes."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("vpsci_ros.nodes.graph.ChildProcess", partial(ForkedNode, fork_server))
+        patched.setattr("vpsci_ros.nodes.graph.ChildProcess", partial(ForkedProcess, fork_server))
         yield
+
+
+@pytest.fixture(scope="session")
+def forked_classes(fork_server: ForkServer) -> Callable[[], contextlib.AbstractContextManager[None]]:
+    """Fork the processes of driving systems' classes in a `with` block."""
+
+    @contextlib.contextmanager
+    def forked() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr("vpsci_ros.exam.class_process.ChildProcess", partial(ForkedProcess, fork_server))
+            yield
+
+    return forked
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,6 @@
-"""A process that has imported what nodes need once, and forks them: for tests that claim nothing of how nodes start.
+"""A process with the imports of nodes and of driving systems' classes; tests fork theirs from it.
 
-A node takes 0.8 s of a processor for imports and for numba's first kernel. Nothing of ROS is imported here: its
+Imports and numba's first kernel take 0.8 s of a processor in each process. The fork server imports nothing of ROS: its
 libraries start threads, which a fork would lose.
 """
 
@@ -8,6 +8,7 @@ import ctypes
 import importlib
 import json
 import os
+import runpy
 import signal
 import socket
 import subprocess
@@ -22,7 +23,7 @@ from vpsci_ros.runs.processes import ChildProcess
 LARGEST = 2**18  # [bytes] of a request: the arguments of a process and its environment
 PRELOADED = (
     *("nodes.config", "nodes.convert", "nodes.failures", "nodes.meter"),
-    *("bags.ticks", "policy.agent", "world.loop", "world.perception"),
+    *("bags.ticks", "exam.class_process", "policy.agent", "world.loop", "world.perception"),
 )
 PR_SET_PDEATHSIG = 1
 
@@ -49,8 +50,8 @@ class ForkServer:
         self._process.wait()
 
 
-class ForkedNode(ChildProcess):
-    """A node that was forked, in place of one that `NodeProcesses` starts with the same arguments."""
+class ForkedProcess(ChildProcess):
+    """A forked process in place of the child process of `python OPTION... -m MODULE` or `-c CODE`, and arguments."""
 
     def __init__(
         self,
@@ -59,13 +60,14 @@ class ForkedNode(ChildProcess):
         log: Path,
         environment: Mapping[str, str],
         *,
-        holds_signals: bool,
-        inherited: Collection[int],
+        holds_signals: bool = False,
+        inherited: Collection[int] = (),
     ) -> None:
-        assert holds_signals
         self.log, self._server, self._status = log, server, None
+        begin = next(place for place, word in enumerate(command) if word in ("-m", "-c"))
+        request = {"program": command[begin:], "folder": str(Path.cwd()), "environment": dict(environment)}
+        request |= {"holds_signals": holds_signals, "numbers": inherited}
         with open(log, "ab") as output:
-            request = {"arguments": command[3:], "environment": dict(environment), "numbers": inherited}
             self.pid = server.request(request, [output.fileno(), *inherited])
 
     @property
@@ -83,7 +85,7 @@ class ForkedNode(ChildProcess):
 
 
 def serve(channel: socket.socket) -> list[str]:
-    """Fork on request until the test's end is closed; return in each child, with the arguments of its program."""
+    """Fork on request until the test's end is closed; return in each child, with the program and its arguments."""
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # until a node takes them
     for name in PRELOADED:
         importlib.import_module(f"vpsci_ros.{name}")
@@ -104,7 +106,7 @@ def serve(channel: socket.socket) -> list[str]:
                 for file in (made, group, channel.detach()):
                     os.close(file)
                 become(request, files)
-                return list(request["arguments"])
+                return list(request["program"])
             os.close(made)
             os.read(group, 1)  # its end: there is a process group, to which signals go
             for file in (group, *files):
@@ -113,13 +115,16 @@ def serve(channel: socket.socket) -> list[str]:
 
 
 def become(request: Mapping[str, Any], files: Sequence[int]) -> None:
-    """Take the environment, the log and the other files of a process to be."""
+    """Take the folder, the environment, the log, the other files and the signals of the requested process."""
+    os.chdir(request["folder"])
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     os.environ.clear()
     os.environ.update(request["environment"])
     sys.path[:0] = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path not in sys.path]
     for file, number in zip([files[0], *files], [1, 2, *request["numbers"]], strict=True):
         os.dup2(file, number)
+    if not request["holds_signals"]:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
 
 
 def load_kernels() -> None:
@@ -132,7 +137,7 @@ def load_kernels() -> None:
 
 
 if __name__ == "__main__":
-    sys.argv[1:] = serve(socket.socket(fileno=int(sys.argv[1])))
-    from vpsci_ros.nodes.entry import start
-
-    sys.exit(start(sys.argv[1], sys.argv[1:]))
+    option, program, *sys.argv[1:] = serve(socket.socket(fileno=int(sys.argv[1])))
+    if option == "-m":
+        runpy.run_module(program, run_name="__main__")
+    exec(program, {"__name__": "__main__"})

@@ -1,6 +1,7 @@
 """What tests of exams share: one exam that was driven, and drivers in this process."""
 
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
 
+Forked = Callable[[], AbstractContextManager[None]]
 EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
 
 
@@ -30,10 +32,11 @@ def small_exam() -> Callable[..., Exam]:
 
 
 @pytest.fixture(scope="session")
-def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def driven(tmp_path_factory: pytest.TempPathFactory, forked_classes: Forked) -> Path:
     """Folder of the small exam of the example, whose class had a process of its own; not to be changed."""
     folder = tmp_path_factory.mktemp("driven") / "exam"
-    assert run_exam(small(), folder, ["ticks_unanswered > 0"], quiet=True) == []
+    with forked_classes():
+        assert run_exam(small(), folder, ["ticks_unanswered > 0"], quiet=True) == []
     return folder
 
 

@@ -3,7 +3,8 @@
 import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,10 @@ def mine(act: str, before: str = "") -> str:
 
 
 @pytest.fixture
-def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
-    """Return the function that has a module's class `Mine` answer two scenes of a tick, so many times."""
+def drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forked_classes: Callable[[], AbstractContextManager[None]]
+) -> Iterator[Drive]:
+    """Yield the function that has a module's class `Mine` answer two scenes of a tick, so many times."""
     monkeypatch.chdir(tmp_path)
 
     def driven(text: str, ticks: int = 1, patience: float = 60.0) -> list[Answer]:
@@ -44,7 +47,8 @@ def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
             process._patience = patience  # once it is there
             return [answer for _ in range(ticks) for answer in process.answers(scenes)]
 
-    return driven
+    with forked_classes():
+        yield driven
 
 
 @pytest.mark.parametrize(
