@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,15 @@ def test_targets_follow_at_the_soft_update_rate(networks, batch):
     maddpg.update(batch, scored(batch, 1.0), None, NO_NOISE)
     after, fast = made.target_critic["vehicle"].state.weight, made.critic["vehicle"].state.weight
     torch.testing.assert_close(after, 0.75 * before + 0.25 * fast)
+
+
+def test_an_update_and_a_checkpoint_need_nothing_of_torchs_compiler(networks, batch, monkeypatch):
+    """Its import takes longer than torch's own, in each process that learns."""
+    monkeypatch.setitem(sys.modules, "torch._dynamo", None)  # to import it is an error
+    maddpg = Maddpg(networks(), UpdatesConfig())
+    maddpg.update(batch, scored(batch, 1.0), None, NO_NOISE)
+    for optimiser in (maddpg.critic_optimiser, maddpg.actor_optimiser):
+        optimiser.load_state_dict(optimiser.state_dict())
 
 
 @pytest.mark.parametrize("agent", AGENTS)

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from vpsci_ros.learning.adam import Adam
 from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.networks import Critics, Networks
 from vpsci_ros.learning.ragged import by_length
@@ -97,8 +98,8 @@ class Maddpg:
     def __init__(self, networks: Networks, config: UpdatesConfig, imitation: float | None = None) -> None:
         self.networks, self.config, self.imitation = networks, config, imitation
         self.alone = False
-        self.critic_optimiser = torch.optim.Adam(networks.critics.parameters(), config.critic_learning_rate)
-        self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), config.actor_learning_rate)
+        self.critic_optimiser = Adam(networks.critics.parameters(), config.critic_learning_rate)
+        self.actor_optimiser = Adam(networks.actor.parameters(), config.actor_learning_rate)
 
     def act(self, batch: Batch, gradient: bool = True) -> Tensors:
         """Return mu(H(t)), float32[M, T, 2], of both agents; for recorded steps the last step's action at every t."""
