@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from scipy.linalg import solveh_banded
 
 from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_csv, require_columns
 from vpsci_ros.documents import shown
@@ -228,6 +227,8 @@ def smoothed(place: Floats, step: float, cutoff: float = CUTOFF) -> tuple[Floats
     :param place: float64[T, 2] [m], `step` [s] apart, NaN where nothing was measured; cutoff: [1/s].
     :returns: float64[S, 2] [m], the first at the first position; root mean square residual [m].
     """
+    from scipy.linalg import solveh_banded  # its import is a sixth of that of an exam's worker, which needs none of it
+
     fine = min(step, STEP)
     every = round(step / fine)
     measured = np.full(((len(place) - 1) * every + 1, 2), np.nan)
