@@ -5,7 +5,7 @@
 A folder is one that `vpsci refine` or `tools/make_weights.py` (`refine/` in it) wrote. Collisions and both goals are
 shares of the critical episodes of the validation world (seed 4242), with Wilson's 95% interval; the error is the
 closed-loop ADE on held-out clips [m]. Each run is a line from its first to its last measurement, to the lower left of
-which is better. The control of the error is the last velocity repeated, on the same clips: `vpsci evaluate` prints it.
+which is better. The dashed line is the control of the error: the last velocity repeated, on the same clips.
 """
 
 import argparse
@@ -14,7 +14,8 @@ from pathlib import Path
 import polars as pl
 
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.learning.online import LOG
+from vpsci_ros.learning.online import BEST, LOG
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 
 COLLISIONS, GOALS, EPISODES = "validation_collision_rate", "validation_goal_rate", "validation_critical_episodes"
@@ -39,6 +40,9 @@ def main() -> None:
             print(f"  {row['episodes']:5d}, {row['updates']:5d}; {share}; {100 * row[GOALS]:.1f}%; {row[ERROR]:.2f} m")
         (line,) = axis.plot(log[ERROR], 100.0 * log[COLLISIONS], ".-", linewidth=1.0, label=name)
         axis.plot(log[ERROR][-1], 100.0 * log[COLLISIONS][-1], "o", color=line.get_color())
+        control = load_weights(Path(folder) / BEST).facts["held_out"]["control"]["closed_loop_ade"]
+        print(f"  the last velocity repeated: {control:.2f} m")
+        axis.axvline(control, color=line.get_color(), linestyle="--", linewidth=0.8)
     axis.set(xlabel="closed-loop ADE on held-out clips [m]", ylabel="collisions in the validation world [%]")
     axis.set(xlim=(0.0, None), ylim=(0.0, None))
     axis.legend(title="large point: the last weights")
