@@ -44,26 +44,27 @@ constants with their sources (`constant(...)` in each room's `config.py`); only 
 NOTES = """
 ## Names, time and diagnostics
 
-- **Namespaces.** With `-r __ns:=/left` all names get the prefix: `/left/world/state`, and `/left/clock` for the
-  world's time. The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also
-  `-r /clock:=clock`.
-  `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the namespace as prefix
-  (`left/vehicle/base_link`). Graphs in two namespaces or two values of `ROS_DOMAIN_ID` do not disturb each other.
-- **Quality of service.** `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`)
-  changes it. `/tf` and `/markers` have a depth of 1,000 messages, since the recorder must get all of them; a viewer may
-  subscribe with any depth.
+- **Namespaces.** With `-r __ns:=/left` all names get the prefix `/left`, as in `/left/world/state`; the world's time is
+  on `/left/clock`. The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also `-r
+  /clock:=clock`. `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the namespace as
+  prefix (`left/vehicle/base_link`). Graphs in two namespaces or two values of `ROS_DOMAIN_ID` do not disturb each
+  other.
+- **Quality of service.** The ROS parameter `qos_overrides./TOPIC.publisher.depth` changes the depth of a publisher;
+  `subscription`, `history` and `reliability` are set in the same way. `/tf` and `/markers` have a depth of 1,000
+  messages, since the recorder must get all of them; a viewer may subscribe with any depth.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
 - **Diagnostics.** Every node reports each second of wall time: parameters, rates, lag, missing ticks, rejected messages
-  (`vpsci_ros/world/counts.py`). Reports are stamped with simulated time, as all messages of a bag. WARN: the node
-  waits; ERROR: it rejects messages. Reports depend on the machine. Everything else in a bag depends on the parameters
-  alone, as long as no answer is missing and no learner or external driving system takes part.
+  (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated time. The level WARN
+  means that the node waits, ERROR that it rejects messages. The content of reports depends on the machine. Everything
+  else in a bag depends on the parameters alone, as long as no answer is missing and no learner or external driving
+  system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores and write one log each.
-- **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while
-  they have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle`
-  and `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
-  (`docs/foxglove_layout.json`) show them.
-- **End.** The world ends after its episodes. The other nodes wait for the next world until Ctrl-C.
+- **Frames.** With `batch=1` the world also publishes odometry, transforms, `/markers` and robot descriptions while they
+  have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
+  `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
+  (`docs/foxglove_layout.json`) show these frames.
+- **End.** `world_simulator` ends after its last episode. The other nodes wait for the next world until Ctrl-C.
 - **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
   `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
 """
