@@ -53,18 +53,18 @@ NOTES = """
   `subscription`, `history` and `reliability` are set in the same way. `/tf` and `/markers` have a depth of 1,000
   messages, since the recorder must get all of them; a viewer may subscribe with any depth.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
-- **Diagnostics.** Every node reports each second of wall time: parameters, rates, lag, missing ticks, rejected messages
-  (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated time. The level WARN
-  means that the node waits, ERROR that it rejects messages. The content of reports depends on the machine. Everything
-  else in a bag depends on the parameters alone, as long as no answer is missing and no learner or external driving
-  system takes part.
+- **Diagnostics.** Every node publishes a report each second of wall time, with parameters, rates, lag, missing ticks
+  and rejected messages (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated
+  time. The level WARN of a report means that the node waits, ERROR that it rejects messages. The content of reports
+  depends on the machine. Everything else in a bag depends on the parameters alone, as long as no answer is missing and
+  no learner or external driving system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores and write one log each.
 - **Frames.** With `batch=1` the world also publishes odometry, transforms, `/markers` and robot descriptions while they
   have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
   `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
   (`docs/foxglove_layout.json`) show these frames.
-- **End.** `world_simulator` ends after its last episode. The other nodes wait for the next world until Ctrl-C.
+- **End.** `world_simulator` ends after its last episode. All other nodes wait for the next world until Ctrl-C.
 - **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
   `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
 """
@@ -101,11 +101,11 @@ GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
         (GraphConfig, PeerConfig, SimulatorConfig, RecorderConfig, ReplayerConfig),
     ),
     "Learning from your own recordings": (
-        "Training data and output folder. Parameter files set the rest.",
+        "The training data and the output folder; parameter files set all other parameters of learning.",
         (LearnerConfig,),
     ),
     "Research: how the policies learn": (
-        "The networks and their training.",
+        "The networks and the parameters of their training.",
         (NetworkConfig, PretrainConfig, RefineConfig),
     ),
 }
@@ -123,7 +123,7 @@ def parameter_page() -> str:
             same = len(table(config)) - len(rows)
             described |= {row.name: row for row in rows}
             parts += [f"### {config.__name__.removesuffix('Config')}\n", f"In {sections}. {_first(config)}\n"]
-            parts += [f"{same} more are described above, with the same defaults.\n"] if same else []
+            parts += [f"{same} more parameters of this section are described above.\n"] if same else []
             parts += [markdown_table(rows), ""]
     return _text(parts)
 
