@@ -37,7 +37,7 @@ def shown(value: Any) -> str:
 
 
 def listed(names: Iterable[object], most: int = 8) -> str:
-    """Return names for an error message: at most so many of them, and how many there are; "none" without any."""
+    """Return names for an error message: at most `most` names, and how many there are; "none" without any."""
     texts = [str(name) for name in names]
     return ", ".join(texts[:most] + [f"... {len(texts)} in all"] * (len(texts) > most)) or "none"
 
@@ -171,7 +171,7 @@ def printable(text: str) -> str:
 
 
 def read_text(path: str | Path, what: str, most: int | None = None) -> str:
-    """Return the text of a file of at most so many bytes, by default `LONGEST`.
+    """Return the text of a file; refuse a file of more than `LONGEST` bytes, or another given number.
 
     :raises InvalidInput: it cannot be read, or is not UTF-8.
     """

@@ -105,7 +105,7 @@ constant = partial(parameter, constant=True)
 
 
 def table(config: type) -> list[Parameter]:
-    """Return the parameter table of a configuration class, in the order of its fields, those of its groups in place."""
+    """Return the parameter table of a configuration class in the order of its fields, groups in their place."""
     return [row for row in with_constants(config) if not row.constant]
 
 
@@ -206,7 +206,7 @@ def refuse_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: s
 
 
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Read a ROS 2 parameter file: section -> name of a parameter -> value, nothing of it checked yet.
+    """Read a ROS 2 parameter file: section -> name of a parameter -> unchecked value.
 
     :raises InvalidInput: not readable as YAML, or not laid out as a parameter file.
     """
@@ -233,7 +233,7 @@ def check_sections(
     where: str | Path,
     rows_of: Callable[[type], list[Parameter]] = table,
 ) -> dict[str, dict[str, Any]]:
-    """Return the checked values of every section in `configs`, those of `/**` merged in where they belong.
+    """Return the checked values of every section in `configs`; values of `/**` are merged into these sections.
 
     :param configs: section (node) name -> the configuration classes whose fields the section may hold.
     :param where: what the sections come from, the opening of each error message.

@@ -1,4 +1,4 @@
-"""The episodes of a bag: a text record for each in the file, so that one is found and read without the rest.
+"""Episodes of a bag, each with a text record in the file, so that one episode can be read without the rest.
 
 A record is written when its episode has ended. A bag without records, since another tool recorded or converted it,
 gives its episodes from the world's states or odometry themselves; that reads all of them.
@@ -53,7 +53,7 @@ class BagEpisode:
 
     @property
     def key(self) -> tuple[int, int]:
-        """Scenario and number."""
+        """Numbers of the scenario and of the episode."""
         return self.scenario, self.episode
 
     @property
@@ -67,7 +67,7 @@ class BagEpisode:
 
     @classmethod
     def from_record(cls, record: dict[str, str]) -> "BagEpisode":
-        """Read a text record.
+        """Return the episode that a text record describes.
 
         :raises InvalidInput: it is not one.
         """
@@ -89,7 +89,7 @@ class EpisodeLog:
         return len(self._open)
 
     def add(self, tick: int, time: int, events: NDArray[np.void], file: str = "") -> list[BagEpisode]:
-        """Take the events of one message, EVENT[n], at `tick` and `time` [ns]; return the episodes that ended with it.
+        """Process the events of a message, EVENT[n], at `tick` and `time` [ns]; return the episodes that they end.
 
         An episode whose beginning was not seen is left out. The pedestrians of an episode begin and end together, one
         after the other in the message.
@@ -141,7 +141,7 @@ def _from_ticks(bag: Bag) -> Iterator[BagEpisode]:
 
 
 def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
-    """Return the episode with the name "12" or "6:12".
+    """Return the episode with a name such as "12" or "6:12".
 
     :raises InvalidInput: not of that form, none, or more than one with that number.
     """

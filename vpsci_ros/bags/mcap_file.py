@@ -74,7 +74,7 @@ class McapFile:
         return list(by_name(single).values())
 
     def named_records(self) -> list[tuple[str, dict[str, str]]]:
-        """Return the file's text records with their names, in the order of writing; messages are not read for it.
+        """Return the file's text records with their names, in the order of writing, without reading messages.
 
         :raises InvalidInput: see `messages`.
         """

@@ -135,7 +135,7 @@ class Bag:
 
 
 def opened(bag: str | Path | Bag) -> Bag:
-    """Return a bag that may be open already."""
+    """Return the `Bag` of a path; an open `Bag` is returned as it is."""
     return bag if isinstance(bag, Bag) else Bag(bag)
 
 
@@ -166,7 +166,7 @@ def bag_files(path: str | Path) -> list[Path]:
 
 
 def lost_files(path: Path, information: Mapping[str, Any]) -> str:
-    """Return a sentence with the files that a folder lacks, of those in its `bag_information`; empty if it has all."""
+    """Return a sentence that names the files of `bag_information` that a folder lacks; "" if it lacks none."""
     listed = information.get("relative_file_paths")
     names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []
     lost = [name for name in names if not (path / name).exists()]

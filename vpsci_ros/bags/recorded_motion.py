@@ -1,4 +1,4 @@
-"""A bag as recorded motion: its vehicles or pedestrians drive again while the other agent is live."""
+"""Motion recorded in a bag: its vehicles or pedestrians move again while the other agent is simulated."""
 
 from pathlib import Path
 

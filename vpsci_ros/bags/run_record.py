@@ -45,7 +45,7 @@ class BagRun:
     totals: dict[str, str] = field(default_factory=dict)
 
     def count(self, what: str) -> dict[str, int]:
-        """Return "seen" or "written" messages by topic; empty where the bag was not closed."""
+        """Return the numbers of "seen" or "written" messages by topic; empty if the bag was not closed."""
         return {topic: int(count) for topic, count in json.loads(self.totals.get(what, "{}")).items()}
 
 

@@ -26,7 +26,7 @@ class TopicInfo:
     latched: int = 0
 
     def merged(self, other: TopicInfo) -> TopicInfo:
-        """Return this topic over two files."""
+        """Return the information on this topic, merged over two files."""
         if not self.messages or not other.messages:
             return self if self.messages else other
         firsts, last = (self.first, other.first), max(self.last, other.last)
@@ -36,7 +36,7 @@ class TopicInfo:
 
     @property
     def rate(self) -> float:
-        """Messages per second of log time; 0 for less than two."""
+        """Messages per second of log time; 0 for fewer than two messages."""
         return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else 0.0
 
 

@@ -69,7 +69,7 @@ class BagFile:
     messages: int = 0
 
     def count(self, log_time: int) -> None:
-        """Count one message."""
+        """Count one written message of the file."""
         self.first, self.last = min(self.first, log_time), max(self.last, log_time)
         self.messages += 1
 

@@ -12,7 +12,7 @@ COMMANDS = PluginGroup("vpsci_ros.commands", "command", typer.Typer, {})
 
 
 class WithAddedCommands(TyperGroup):
-    """The commands of this package, then the added ones; one is imported when it is called, or listed by `--help`."""
+    """The commands of this package, then the added ones; a command is imported when it is called or listed."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""

@@ -1,4 +1,4 @@
-"""The demonstration: import, two short trainings and a generation by nodes, and a page of episodes."""
+"""The demonstration: an import, two short trainings, a generation by nodes, and a page that plays episodes."""
 
 import os
 import shutil
@@ -178,7 +178,7 @@ def _share(hits: Iterable[bool]) -> str:
 
 
 def demo_sources(folder: Path, sections: Sections, near_misses: Path, learned: str) -> list[Source]:
-    """Return the sources of the demo's page: episodes by `people`, the same by trained weights, near misses.
+    """Return the sources of the demo's page: episodes by `people`, the same episodes by trained weights, near misses.
 
     :param sections: of stage 3.
     :param learned: file of the weights that were just trained.

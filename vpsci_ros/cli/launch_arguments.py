@@ -16,7 +16,7 @@ from vpsci_ros.runs.files import require_empty_folder, write_text
 
 
 class Argument(NamedTuple):
-    """A launch argument that sets parameters; an empty one leaves those of the parameter file.
+    """A launch argument that sets parameters; an empty argument keeps the values of the parameter file.
 
     :ivar sets: stage -> the parameters that it sets, "section.name".
     """
@@ -27,7 +27,7 @@ class Argument(NamedTuple):
 
     @property
     def is_list(self) -> bool:
-        """Whether its values may be given with commas and no brackets."""
+        """Whether the argument's values may be given with commas and without brackets."""
         return self.name in ("scenarios", "near_misses")
 
 

@@ -1,4 +1,4 @@
-"""Stages 1 and 2 and the evaluation as commands in one process: parameters in, files and a summary out."""
+"""Stages 1 and 2 and the evaluation as commands in one process: they read parameters and write files."""
 
 import sys
 from collections.abc import Callable

@@ -109,7 +109,7 @@ class Driver:
 
     @property
     def start(self) -> Vehicle:
-        """The spawn of the scenario's episode; after the first step the last position returned by `step`."""
+        """The driver's vehicle: at first at the spawn of the scenario's episode, then as `step` last returned it."""
         names = ("x", "y", "heading", "speed", "curvature", "acceleration")
         return Vehicle(*(float(self._body.record[f"vehicle_{name}"]) for name in names))
 
@@ -125,7 +125,7 @@ class Driver:
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Drive:
-        """Return the motion to the next step.
+        """Return the vehicle's motion to the next step.
 
         :param own: its present state; the sizes are the Model 3's.
         :param pedestrians: states by key; a key names the same pedestrian in every step. The nearest `MOST` count; the

@@ -77,7 +77,7 @@ Agent = TypeVar("Agent", Vehicle, Walker)
 
 
 def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
-    """Return `given`, a value of `kind`, with plain floats.
+    """Return the checked value `given` of the type `kind`, with its numbers as floats.
 
     :raises InvalidInput: another type, numbers beyond `GREATEST`, or a size that is not above 0; `who` names its owner.
     """
@@ -114,7 +114,7 @@ def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agen
 
 
 def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
-    """Return parked vehicles, float64[K, 5]: x, y [m], heading [rad], length, width [m]; None for None.
+    """Return checked parked vehicles, float64[K, 5]: x, y [m], heading [rad], length, width [m]; None for None.
 
     :raises InvalidInput: another shape, numbers beyond `GREATEST`, or sizes that are not above 0.
     """
@@ -127,7 +127,7 @@ def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
 
 
 def checked_period(period: Any) -> int:
-    """Return a time step in nanoseconds.
+    """Return a checked time step in nanoseconds.
 
     :raises InvalidInput: not a number of seconds from 0.001 to 2.
     """

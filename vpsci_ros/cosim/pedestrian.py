@@ -113,7 +113,7 @@ class Pedestrian:
 
     @property
     def start(self) -> Walker:
-        """The spawn of the scenario's episode; after the first step the last position returned by `step`.
+        """The pedestrian: at first at the spawn of the scenario's episode, then as `step` last returned it.
 
         :raises InvalidInput: before the first step of a pedestrian with a `goal`.
         """
@@ -134,7 +134,7 @@ class Pedestrian:
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Walk:
-        """Return the motion to the next step.
+        """Return the pedestrian's motion to the next step.
 
         :param own: its present state.
         :param vehicles: states by key; a key names the same vehicle in every step. The pedestrian faces the visible

@@ -66,7 +66,7 @@ class EpisodeTable:
         self.rows = 0
 
     def add(self, rows: pa.Table) -> None:
-        """Append the rows of whole episodes, which follow those added before in the order of their numbers."""
+        """Append the rows of whole episodes, whose numbers are above those of the episodes added before."""
         self._left = pa.concat_tables([self._left, rows])
         while self._left.num_rows >= self._row_group:
             ends = np.append(np.flatnonzero(np.diff(self._left["count"].to_numpy())) + 1, self._left.num_rows)
@@ -84,14 +84,14 @@ class EpisodeTable:
         self.rows += rows.num_rows
 
     def close(self) -> tuple[Path, int]:
-        """Finish the file, give it its name, and return that with its number of rows."""
+        """Finish the file, give it its final name, and return its path and its number of rows."""
         self._flush(self._left)
         self._file.close()
         self._part.replace(self._path)
         return self._path, self.rows
 
     def discard(self) -> None:
-        """Remove what was written."""
+        """Remove the written file."""
         self._file.close()
         self._part.unlink(missing_ok=True)
         self._path.unlink(missing_ok=True)
@@ -161,7 +161,7 @@ class DatasetWriter:
             self._tables[number, kept] = [EpisodeTable(path, self._row_group, metadata) for path in paths]
 
     def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
-        """Write judged episodes of a scenario, kept and rejected ones apart; their numbers follow those written before.
+        """Write filtered episodes of a scenario, kept and rejected ones apart, with numbers above those written before.
 
         :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`).
         """
@@ -178,7 +178,7 @@ class DatasetWriter:
         beside: Mapping[str, bytes] | None = None,
         datasheet: Callable[[Mapping[str, Any]], str] | None = None,
     ) -> dict[str, Any]:
-        """Complete the files, write the index and dataset.json, and return the latter's content.
+        """Complete the files, write the index and dataset.json, and return the content of dataset.json.
 
         :param unfinished: episodes that were started and not seen to their end; they are only counted.
         :param beside: further files of the dataset, by their names.

@@ -31,7 +31,7 @@ from vpsci_ros.world.scenario import every_scenario, own_scenarios
 
 
 class Dataset:
-    """A folder that `DatasetWriter` has completed.
+    """A dataset's folder, completed by `DatasetWriter`.
 
     :raises InvalidInput: no such folder, or no readable dataset.json in it.
     """
@@ -60,7 +60,7 @@ class Dataset:
         return {DESCRIPTION: self.folder / DESCRIPTION}
 
     def index(self) -> pl.DataFrame:
-        """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""
+        """Return a row for each episode, kept or rejected, with the columns of `INDEX_COLUMNS`."""
         older = {"range": ""}  # what a dataset from before 26 November 2026 lacks
         return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS, older)
 

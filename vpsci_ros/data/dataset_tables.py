@@ -1,4 +1,4 @@
-"""The tables of a dataset: their columns, and the rows that episodes have in them.
+"""The tables of a dataset: their columns, and the rows of an episode in each.
 
 CurvTTC is infinite where no contact is predicted within the horizon ("inf" in CSV, which pandas, polars, numpy and R
 read as infinity); the authors publish no word on it. NaN are values that nobody saw. `count` is the number of the

@@ -1,4 +1,4 @@
-"""An episode of motion: one vehicle and the pedestrians that it meets, from wherever it was recorded or simulated.
+"""An episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets.
 
 Near-miss tables, datasets, bags and simulations are read into this one value, and whatever looks at episodes one by one
 takes it; `view.episode_sources.read_episodes` reads any of them. Frames that nobody saw are NaN; `filled` closes them.
@@ -44,12 +44,12 @@ class Listed(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name for files, unique in its source: "LocationA_PedCross_S-N_000012"."""
+        """Name of the episode for files, unique in its source: "LocationA_PedCross_S-N_000012"."""
         return f"{self.group.replace('/', '_')}_{self.number:06d}"
 
     @property
     def key(self) -> Key:
-        """Number of the scenario, 0 for none, and of the episode."""
+        """Number of the scenario (0 for none) and number of the episode."""
         return self.scenario, self.number
 
 
@@ -101,27 +101,27 @@ class Episode:
 
     @property
     def name(self) -> str:
-        """See `Listed`."""
+        """The episode's name, see `Listed`."""
         return self.listed.name
 
     @property
     def group(self) -> str:
-        """See `Listed`."""
+        """The episode's group, see `Listed`."""
         return self.listed.group
 
     @property
     def label(self) -> str:
-        """See `Listed`."""
+        """The episode's name for files, see `Listed`."""
         return self.listed.label
 
     @property
     def number(self) -> int:
-        """Number within its scenario."""
+        """Number of the episode within its scenario."""
         return self.listed.number
 
     @property
     def key(self) -> Key:
-        """See `Listed`."""
+        """Numbers of scenario and episode, see `Listed`."""
         return self.listed.key
 
     @property
@@ -230,7 +230,7 @@ def padded(rows: Sequence[NDArray[np.float64]], fill: float = 0.0) -> Floats:
 
 
 def filled(values: Floats) -> Floats:
-    """Return values[..., T] with each NaN replaced by the one before it, at first by the next; 0 where all are NaN."""
+    """Return values[..., T] with each NaN replaced by the value before it, or else after it; 0 if all are NaN."""
     known = ~np.isnan(values)
     if known.all():
         return values
@@ -241,7 +241,7 @@ def filled(values: Floats) -> Floats:
 
 
 def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
-    """Return the direction of motion, float64[..., T] [rad], unwrapped; while standing the last known one.
+    """Return the unwrapped direction of motion, float64[..., T] [rad]; while standing, the last known direction.
 
     :param standing: speed [m/s] up to which a velocity has no direction; NaN where it never has one.
     """
@@ -249,7 +249,7 @@ def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
 
 
 def directions(angle: Floats, known: NDArray[np.bool_]) -> Floats:
-    """Return angles, float64[..., T] [rad], unwrapped; an unknown one is the last known one, or else the first.
+    """Return unwrapped angles, float64[..., T] [rad]; an unknown angle is the last known one, or else the first known.
 
     :param known: bool[..., T]; NaN where none is.
     """

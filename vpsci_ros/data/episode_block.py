@@ -64,7 +64,7 @@ _PLACE = np.dtype(
 
 @dataclass(frozen=True)
 class EpisodeBlock:
-    """n episodes.
+    """A block of n episodes as arrays.
 
     :ivar records: RECORD[n].
     :ivar values: float32[rows, 10], `QUANTITIES` in map frame [m, m/s, s] of the episodes that are stored, one after
@@ -96,7 +96,7 @@ class EpisodeBlock:
         return np.repeat(np.arange(len(self)), several)[found], first[found]
 
     def stored(self, keep_rejected: bool) -> "EpisodeBlock":
-        """Return the episodes, without the rows of rejected ones unless these are stored, too."""
+        """Return the episodes, without the rows of rejected episodes unless rejected episodes are stored."""
         stored, records = self.kept | keep_rejected, self.records.copy()
         records["rows"] = np.where(stored, records["rows"], 0)
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
@@ -132,16 +132,16 @@ class EpisodeFrames:
 
     @property
     def unfinished(self) -> int:
-        """Number of episodes without a seen end: still running, or broken off by another one."""
+        """Number of episodes whose end was not seen: still running, or replaced by another episode in their slot."""
         return int(self._slots["open"].sum() + self._counts[2])
 
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBlock:
-        """Take one tick and return the episodes that end with it (none, usually); see `store`."""
+        """Process one tick and return the episodes that end at it (usually none); see `store`."""
         self.store(state, curvttc, distance)
         return self.take()
 
     def store(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> int:
-        """Take one tick and return how many episodes have ended and wait for `take`.
+        """Process one tick and return how many ended episodes `take` would return.
 
         :param state: EPISODE[batch] records of the tick; an ended one counts once, however often it is shown.
         :param curvttc: float64[batch] [s], `distance`: float64[batch] [m], of the same tick.
@@ -157,7 +157,7 @@ class EpisodeFrames:
         return int(self._counts[1])
 
     def take(self) -> EpisodeBlock:
-        """Return the episodes that wait, in the order in which they ended."""
+        """Return the ended episodes that were not returned yet, in the order of their ends."""
         free, count, _ = self._counts.tolist()
         places = self._ended[:count]
         of, first = self._places[places], np.flatnonzero(self._places["pedestrian"][places] == 0)

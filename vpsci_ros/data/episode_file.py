@@ -1,4 +1,4 @@
-"""Simulated episodes as one Parquet file: the columns of a dataset in float64, and those that a dataset lacks.
+"""Simulated episodes as one Parquet file, with the columns of a dataset in float64 and further columns.
 
 A row is a frame of one pedestrian, as in a dataset. Facts about a whole episode are in the schema, and so are
 the scenarios of one's own. An episode is read back to the bit.

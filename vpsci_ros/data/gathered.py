@@ -39,7 +39,7 @@ def gathered(
     wanted: Collection[Key] | None = None,
     source: str = "",
 ) -> Iterator[Episode]:
-    """Yield episodes as they end; one with an unseen beginning starts at its first seen tick.
+    """Yield episodes as they end; an episode whose beginning was not seen starts at its first seen tick.
 
     :param period: time from one tick to the next [s].
     :param scenarios: those that may occur, found by their numbers.
@@ -69,7 +69,7 @@ def gathered(
 
 
 def episode_rows(state: NDArray[np.void]) -> list[NDArray[np.int64]]:
-    """Return the rows of each episode in EPISODE[B], those of its first pedestrian first; idle rows belong to none."""
+    """Return the row indices of each episode in EPISODE[B], its first pedestrian's first; idle rows are left out."""
     rows = np.flatnonzero(state["status"] != IDLE)
     return np.split(rows, np.flatnonzero(state["pedestrian"][rows] == 0)[1:]) if len(rows) else []
 

@@ -77,12 +77,12 @@ class Interactions:
         return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
 
     def take(self, rows: NDArray[np.int64]) -> "Interactions":
-        """Return the interactions `rows`, in that order."""
+        """Return the interactions with the indices `rows`, in this order."""
         return Interactions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def from_table(table: pl.DataFrame) -> Interactions:
-    """Build `Interactions` from a near-miss table, of the rows that `vpsci_ros.data.reference.around_critical` takes.
+    """Build `Interactions` from the rows of a near-miss table that `vpsci_ros.data.reference.around_critical` returns.
 
     :raises InvalidInput: no interaction of at least two steps.
     """
@@ -93,7 +93,7 @@ def from_table(table: pl.DataFrame) -> Interactions:
 
 
 def from_rows(rows: pl.DataFrame, curvttc_column: str = "curvttc") -> Interactions:
-    """Build `Interactions` of these rows of a near-miss table; those of an interaction lie together.
+    """Build `Interactions` from rows of a near-miss table, in which the rows of an interaction are adjacent.
 
     :param curvttc_column: which CurvTTC they are to hold, and to be critical by at some step.
     """
@@ -111,7 +111,7 @@ def from_rows(rows: pl.DataFrame, curvttc_column: str = "curvttc") -> Interactio
 
 
 def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
-    """Return observation, action and next_velocity of a motion float64[N, T, 9] and its length, see `Interactions`."""
+    """Return `observation`, `action` and `next_velocity` (see `Interactions`) of a motion, float64[N, T, 9]."""
     steps = motion.shape[1]
     present = np.arange(steps) < length[:, None]
     observations = dict(zip(AGENTS, observe_arrays(*np.moveaxis(motion, 2, 0)), strict=True))

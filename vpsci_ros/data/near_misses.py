@@ -368,7 +368,7 @@ def table_hash(table: pl.DataFrame) -> str:
 
 
 def corpus_files(names: Sequence[str | Path]) -> list[Path]:
-    """Return the files of the near-miss tables `names`; without a name, that of the shipped right turns."""
+    """Return the files of the near-miss tables `names`; without a name, the file of the shipped right turns."""
     return [near_misses_path(name) for name in names or [TO_LEARN_FROM]]
 
 

@@ -57,7 +57,7 @@ def write_parquet(table: pl.DataFrame, path: str | Path, columns: Mapping[str, C
 def read_parquet(
     path: str | Path, what: str, columns: Iterable[str] = (), absent: Mapping[str, Any] | None = None
 ) -> pl.DataFrame:
-    """Read a Parquet file: by Arrow, whose reader refuses a damaged file where that of polars panics.
+    """Read a Parquet file by Arrow, which refuses a damaged file on which polars would panic.
 
     :param what: what the file should hold, for the error message.
     :param columns: it must have, and that are returned; none: all that it has.
@@ -83,7 +83,7 @@ def read_parquet(
 
 
 def open_parquet(path: str | Path) -> pq.ParquetFile:
-    """Open a Parquet file for `read_bounded`, so that each text is read once, however many rows have it.
+    """Open a Parquet file for `read_bounded`; a text that many rows have is read once.
 
     :raises ValueError: a column holds neither numbers, times nor texts.
     """
@@ -97,7 +97,7 @@ def open_parquet(path: str | Path) -> pq.ParquetFile:
 
 
 def read_bounded(file: pq.ParquetFile, group: int | None = None) -> pl.DataFrame:
-    """Return what a file of `open_parquet` holds, or one of its row groups.
+    """Return the table in a file of `open_parquet`, or in one of its row groups.
 
     :raises ValueError: more values than `MOST_VALUES`, or more text than `MOST_TEXT`, see also `as_polars`.
     """
@@ -137,7 +137,7 @@ def _require_little(text: float) -> None:
 
 
 def as_polars(table: pa.Table) -> pl.DataFrame:
-    """Return an Arrow table as one of polars, which panics where a name is not in UTF-8.
+    """Return an Arrow table as a polars table, whose names must be in UTF-8, since polars would panic.
 
     :raises ValueError: a name is not in UTF-8.
     """

@@ -76,7 +76,7 @@ def curvttc_of(
 
 
 def completed(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]] | None = None) -> pl.DataFrame:
-    """Return a near-miss table with all columns that follow from its other ones; a column that it has stays as it is.
+    """Return a near-miss table with all columns that follow from others; columns that it already has do not change.
 
     :param table: the rows of an interaction lie together.
     :param sizes: source -> length and width of its vehicles [m]; other sources have the default vehicle's.
@@ -148,7 +148,7 @@ def clean(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def around_critical(table: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows from `BEFORE` steps before the first critical one of each interaction to `AFTER` after the last.
+    """Return each interaction's rows from `BEFORE` steps before its first critical step to `AFTER` after its last one.
 
     Ten before, because closed loops start at the first critical step after up to ten observed ones, and the policies'
     attention spans ten; ten after, for how people go on when it is over. Steps between two critical spells stay: they

@@ -24,7 +24,7 @@ def write_page(path: Path, template: Path, **values: Any) -> None:
 
 
 def page(template: Path, *, connect: bool = False, **values: Any) -> str:
-    """Return a page.
+    """Return the text of a self-contained HTML page.
 
     :param template: the template's file; a value that it names and that is not given is an error.
     :param connect: whether it may talk to the server that it comes from.

@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PeerConfig:
-    """For every node: the peers that it waits for before it publishes."""
+    """The peers that a node waits for before it publishes; every node has this parameter."""
 
     peers: list[str] = parameter([], "nodes of this graph; empty: only those that this node needs")
 
@@ -64,7 +64,7 @@ class RunConfig:
             last[scenario] = episode
 
     def queue(self) -> Iterator[tuple[int, int]]:
-        """Yield (scenario, episode number): those of `only`, else all, every scenario growing at the same pace."""
+        """Yield (scenario, episode number): the pairs of `only`, or else all episodes, scenario by scenario in turn."""
         if self.only:
             yield from zip(self.only[::2], self.only[1::2], strict=True)
             return
@@ -74,7 +74,7 @@ class RunConfig:
 
     @property
     def total(self) -> int:
-        """How many episodes that are."""
+        """The number of episodes of `queue`."""
         return len(self.only) // 2 or len(self.scenarios) * self.episodes
 
 
@@ -95,5 +95,5 @@ class Sections:
         return pick(kind, self.values.get(section, {}), section)
 
     def changed(self, section: str, values: Mapping[str, Any]) -> "Sections":
-        """Return sections in which one has these values besides its own."""
+        """Return the sections with these values added to one section."""
         return Sections({**self.values, section: {**self.values.get(section, {}), **values}})

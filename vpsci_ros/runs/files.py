@@ -105,7 +105,7 @@ def is_empty_folder(path: Path) -> bool:
 
 
 def require_empty_folder(path: str | Path) -> Path:
-    """Create folder `path` if need be and return it.
+    """Return the empty folder `path`, created if it did not exist; refuse a folder that is not empty.
 
     :raises InvalidInput: it exists and holds anything, or is not a folder.
     """

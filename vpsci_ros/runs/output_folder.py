@@ -57,7 +57,7 @@ def _release(handle: int, folder: Path) -> None:
 
 @contextlib.contextmanager
 def output_folder(path: Path) -> Iterator[None]:
-    """Lock the folder that a command writes, and mark what it leaves there where it fails.
+    """Lock the folder that a command writes, and mark the folder if the command fails.
 
     The mark, `FAILURE` with the reason, is written where no record describes the failure, and removed when the same
     command succeeds, with what an earlier one left half written when it was killed. A folder that stays empty is

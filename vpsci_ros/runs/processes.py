@@ -23,7 +23,7 @@ class CoreTime(NamedTuple):
 
 
 def core_time(thread: str = "thread-self") -> CoreTime:
-    """Return the core time of a thread, that of a process being its main thread's.
+    """Return the core time of a thread; the core time of a process is that of its main thread.
 
     :param thread: as /proc names it, such as a process's number.
     """
@@ -87,7 +87,7 @@ class ChildProcess:
         return f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with exit status {status}"
 
     def said(self, what: str = "") -> str:
-        """Return the last line of the log that contains `what`, in any case; "" if there is none."""
+        """Return the last line of the log that contains `what` (lower case), ignoring case; "" if there is none."""
         if not self.log.is_file():  # its folder was deleted or moved
             return ""
         lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()

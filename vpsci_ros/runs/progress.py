@@ -91,7 +91,7 @@ class Bars:
         self._progress.update(self._tasks[name], completed=done, total=total, **fields)
 
     def clear(self) -> None:
-        """Remove all bars, since other work begins."""
+        """Remove all bars, before other work begins."""
         self._shares.clear()
         self._begun, self._lasts, self._left = time.monotonic(), 0.0, math.inf
         while self._tasks:

@@ -37,7 +37,7 @@ class Serial(Generic[Unit, Result]):
         self._units: deque[Unit] = deque()
 
     def submit(self, unit: Unit) -> None:
-        """Put a unit in the queue."""
+        """Put a unit of work in the queue."""
         self._units.append(unit)
 
     def collect(self) -> list[tuple[Unit, Result]]:
@@ -46,7 +46,7 @@ class Serial(Generic[Unit, Result]):
         return [(unit, self._do(unit))]
 
     def close(self) -> None:
-        """Discard the queue."""
+        """Discard the queued units."""
         self._units.clear()
 
 

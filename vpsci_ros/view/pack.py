@@ -1,4 +1,4 @@
-"""Episodes for the page, and their compact form: 16-bit whole numbers in base64, and a row of JSON each.
+"""Episodes for the page in a compact form: 16-bit integers in base64, and a row of JSON for each episode.
 
 A frame takes 22 bytes, 29 in base64: a thousand episodes of 10 s at 0.05 s come to 6 MB. Positions count from the
 middle of their episode. Pedestrians beside the most critical one take eight bytes each and frame more.
@@ -53,7 +53,7 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """Episodes of one kind.
+    """The episodes of one source on the page.
 
     :ivar key: name in links, unique on its page.
     :ivar title: displayed name.
@@ -150,7 +150,7 @@ def _values(episode: Episode) -> tuple[Floats, Floats]:
 
 
 def grounds(sources: Sequence[Source], *, shipped: bool) -> dict[int, Any]:
-    """Return the ground of every scenario that occurs, by its number: those of Table 6 if `shipped`, or the others."""
+    """Return the ground of every occurring scenario by number: scenarios of Table 6 if `shipped`, or all others."""
     table_6 = {scenario.number for scenario in shipped_scenarios()}
     used = (shown.episode.scenario for source in sources for shown in source.episodes)
     found = {road.number: road for road in used if road is not None and (road.number in table_6) == shipped}

@@ -31,7 +31,7 @@ class WireHeader(NamedTuple):
 
     @property
     def at(self) -> int:
-        """The stamp [ns]."""
+        """The time stamp of the header [ns]."""
         return self.seconds * 1_000_000_000 + self.nanoseconds
 
 
@@ -61,23 +61,23 @@ def write_start(header: WireHeader, tick: int) -> bytes:
 
 
 def with_header(data: bytes, header: WireHeader) -> bytes:
-    """Return the bytes with a header appended."""
+    """Return the given bytes with a header appended."""
     return with_text(padded(data, 4) + _STAMP.pack(header.seconds, header.nanoseconds), header.frame_id)
 
 
 def with_text(data: bytes, text: str) -> bytes:
-    """Return the bytes with a string appended."""
+    """Return the given bytes with a string appended."""
     name = text.encode() + b"\0"
     return padded(data, 4) + _LENGTH.pack(len(name)) + name
 
 
 def with_numbers(data: bytes, values: NDArray[Any]) -> bytes:
-    """Return the bytes with a sequence of n > 0 numbers appended."""
+    """Return the given bytes with a sequence of n > 0 numbers appended."""
     return padded(padded(data, 4) + _LENGTH.pack(len(values)), values.itemsize) + values.tobytes()
 
 
 def padded(data: bytes, size: int) -> bytes:
-    """Return the bytes with zeros appended, up to the alignment of a number of `size` bytes."""
+    """Return the given bytes with zeros appended, up to the alignment of a number of `size` bytes."""
     return data + bytes(-(len(data) - 4) % size)
 
 

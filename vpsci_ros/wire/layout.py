@@ -197,7 +197,7 @@ def transitions(message: Any, where: str = "/replay") -> Array:
 
 
 def motion(message: Any, agent: str) -> PlanarMotion:
-    """Return the motion of "vehicle" or "pedestrian" of an Odometry."""
+    """Return the motion in an Odometry message of "vehicle" or "pedestrian"."""
     pose, twist, q = message.pose.pose, message.twist.twist, message.pose.pose.orientation
     yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     along, across = twist.linear.x, twist.linear.y
@@ -218,7 +218,7 @@ def _records(message: Any, shapes: dict[str, tuple[int, ...]], into: Array, wher
 
 
 def require_codes(codes: NDArray[np.uint8], most: int, where: str, least: int = 0) -> None:
-    """Refuse codes that are not from `least` to `most`; `where` opens the message."""
+    """Refuse codes that are not from `least` to `most`; `where` opens the error message."""
     bad = (codes < least) | (codes > most)
     if bad.any():
         raise InvalidInput(

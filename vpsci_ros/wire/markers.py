@@ -33,7 +33,7 @@ _REST = b"".join(
 
 
 class Marker(NamedTuple):
-    """One marker.
+    """One marker of the scene.
 
     :ivar number: by which a later marker replaces it.
     :ivar pose: x, y, z [m], and z and w of the rotation about z.
@@ -53,7 +53,7 @@ class Marker(NamedTuple):
 def write_markers(
     state: NDArray[np.void], movers: Sequence[PlanarMotion], scenarios: Mapping[int, Scenario], header: WireHeader
 ) -> bytes:
-    """Return the serialized MarkerArray of one episode and the ground under it; without an episode, a clear scene.
+    """Return the serialized MarkerArray of one episode and its ground; without an episode, it clears the scene.
 
     :param state: EPISODE[B], a record for each pedestrian.
     :param movers: the vehicle and each pedestrian.

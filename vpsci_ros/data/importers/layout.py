@@ -83,7 +83,7 @@ class Layout:
 
 
 def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Clip:
-    """Return a clip made of one table or several, by file.
+    """Return a clip made of one or several tables, given by file.
 
     :raises InvalidInput: a column that is missing, a value that is no number, frames of a road user that come twice,
         or frame rate, units or headings that contradict the motion.
@@ -245,7 +245,7 @@ def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl
 
 
 def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
-    """Return the rows of road users with dx, dy [m] and seconds to the next row; each last row is left out."""
+    """Return the rows of road users, but the last of each, with dx, dy [m] and seconds to the next row."""
     ahead = {f"d{name}": pl.col(name).shift(-1).over("id") - pl.col(name) for name in ("x", "y")}
     seconds = (pl.col("frame").shift(-1).over("id") - pl.col("frame")) / rate
     return tracks.with_columns(**ahead, seconds=seconds).drop_nulls()

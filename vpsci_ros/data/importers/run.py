@@ -143,7 +143,7 @@ def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> Sourc
 
 
 def named(result: ImportResult, name: str) -> ImportResult:
-    """Return a result whose only source has another name, by which a bank's reactions are chosen (`--people`).
+    """Return an import's result with its only source renamed; `--people` chooses reactions by this name.
 
     :raises InvalidInput: several sources, or a name that cannot be one.
     """

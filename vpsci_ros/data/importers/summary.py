@@ -18,7 +18,7 @@ from vpsci_ros.world.observation import STEP
 
 @dataclass(frozen=True)
 class SourceSummary:
-    """Counts of one source.
+    """The counts of an import from one source.
 
     :ivar pairs: vehicles and pedestrians that are there at the same time.
     :ivar near_misses: those of them whose CurvTTC falls below 5 s and that have `LEAST_STEPS` rows.
@@ -62,7 +62,7 @@ class ImportResult:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What `write_near_misses` should store beside the rows."""
+        """The metadata that `write_near_misses` should store beside the rows."""
         return {
             "sources": {summary.source: asdict(summary) for summary in self.summaries},
             "step": STEP,

@@ -54,7 +54,7 @@ class Track:
 
     @property
     def last(self) -> int:
-        """Grid step k of the last value."""
+        """The step k on the grid of the track's last value."""
         return self.first + len(next(iter(self.values.values()))) - 1
 
 
@@ -93,7 +93,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class Importer:
-    """An import format.
+    """A format of recordings that `vpsci import` reads.
 
     :ivar read: folder of recordings -> its clips, in an order of its own that is always the same; raises
         `InvalidInput` where the folder or a file does not hold what it should.
@@ -173,7 +173,7 @@ def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> No
 
 
 def spaces(table: pl.DataFrame, frame_rate: float) -> pl.DataFrame:
-    """Return id and seconds from each row of a road user to its next one."""
+    """Return, for each row of a road user but the last, the id and the seconds to the next row."""
     return table.select("id", seconds=pl.col("frame").diff().over("id") / frame_rate).drop_nulls()
 
 
@@ -238,7 +238,7 @@ def resample(
 
 
 def slope(values: Floats, half_window: int = 2) -> Floats:
-    """Rate of change [1/s] of values on the grid: the least-squares line through 2 * `half_window` + 1 of them.
+    """Rate of change [1/s] of values on the grid, by the least-squares line through 2 * `half_window` + 1 values.
 
     A line over 0.4 s keeps the yaw rate of a turn and leaves out the jitter of single frames, which would bend the
     predicted path to one side and the other and report near misses one step long. The ends take the nearest full
