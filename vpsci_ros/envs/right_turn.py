@@ -23,7 +23,7 @@ ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
 class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """One episode after the other; `vpsci_ros.envs.task` has observation, action and reward.
+    """An environment of one episode at a time; `vpsci_ros.envs.task` has observation, action and reward.
 
     A step is the policy period, 0.1 s. An episode terminates on collision, at the vehicle's goal and off the lane, and
     is truncated after `episode_time` (30 s). `reset(seed=...)` starts episode 0 of that seed, each later reset the
@@ -58,7 +58,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start an episode; see the class.
+        """Start an episode; the class describes its arguments.
 
         :raises InvalidInput: an option other than scenario and episode.
         """

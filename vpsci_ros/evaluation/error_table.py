@@ -1,4 +1,4 @@
-"""Table 9's columns as text."""
+"""The errors of models as text, with the columns of Table 9."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Table 9's columns for any models, by both protocols, with confidence intervals."""
+"""The columns of Table 9 for any models, by both error protocols, with confidence intervals."""
 
 from collections.abc import Mapping
 from typing import Any

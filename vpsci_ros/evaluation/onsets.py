@@ -39,7 +39,7 @@ class Onsets:
 
     @property
     def clip(self) -> NDArray[np.object_]:
-        """object[N]: "source/clip" of each."""
+        """object[N]: the clip of each onset, as "source/clip"."""
         return self.interactions.clip
 
     @property
@@ -49,7 +49,7 @@ class Onsets:
 
     @property
     def source(self) -> NDArray[np.object_]:
-        """object[N]: the data set that each comes from."""
+        """object[N]: the data set of each onset."""
         return np.array([clip.partition("/")[0] for clip in self.clip], object)
 
     @property
@@ -65,7 +65,7 @@ class Onsets:
         return np.stack([after[..., 0:2], after[..., 5:7]], axis=1)
 
     def take(self, rows: NDArray[np.int64]) -> "Onsets":
-        """Return the onsets `rows`, in that order."""
+        """Return the onsets with the indices `rows`, in this order."""
         return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows])
 
 

@@ -53,7 +53,7 @@ class NoAcceleration:
     """The control in simulation: agents with acceleration 0; the vehicle keeps its lane."""
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float64]:
-        """See `Agent.act`."""
+        """Return accelerations of 0, see `Agent.act`."""
         return np.zeros((len(tick.state), 2))
 
 

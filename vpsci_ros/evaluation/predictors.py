@@ -59,7 +59,7 @@ class RepeatVelocity:
         self.tracked_steps = tracked_steps
 
     def begin(self, count: int) -> None:
-        """See `Predictor.begin`."""
+        """Prepare for `count` interactions, see `Predictor.begin`."""
         self._none = np.zeros((count, 2), np.float32)
 
     def act(
@@ -69,11 +69,11 @@ class RepeatVelocity:
         curvttc: NDArray[np.float64],
         active: NDArray[np.bool_],
     ) -> Actions:
-        """See `Predictor.act`."""
+        """Return both agents' accelerations, see `Predictor.act`."""
         return self._none, self._none
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """See `Predictor.executed`; a velocity has no further history."""
+        """Do nothing: a repeated velocity needs no history, see `Predictor.executed`."""
 
 
 class PolicyPredictor:
@@ -85,7 +85,7 @@ class PolicyPredictor:
         self._weights = weights
 
     def begin(self, count: int) -> None:
-        """See `Predictor.begin`."""
+        """Prepare for `count` interactions, see `Predictor.begin`."""
         self._actors = [actor_at_work(self._weights.actor(agent), count) for agent in AGENTS]
         self._begun = np.zeros(count, bool)
 
@@ -96,7 +96,7 @@ class PolicyPredictor:
         curvttc: NDArray[np.float64],
         active: NDArray[np.bool_],
     ) -> Actions:
-        """See `Predictor.act`."""
+        """Return both agents' accelerations, see `Predictor.act`."""
         reset = active & ~self._begun
         self._begun |= active
         return (
@@ -105,7 +105,7 @@ class PolicyPredictor:
         )
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """See `Predictor.executed`."""
+        """Append the executed accelerations to the histories, see `Predictor.executed`."""
         for actor, action in zip(self._actors, actions, strict=True):
             actor.executed(action, active)
 
@@ -140,7 +140,7 @@ class PeoplePredictor:
         self._bank, self._seed = bank, seed
 
     def begin(self, count: int) -> None:
-        """See `Predictor.begin`."""
+        """Prepare for `count` interactions, see `Predictor.begin`."""
         self._replays = {
             name: [ReactionReplay(self._bank.of(name), agent, count, keeps_lane=False) for agent in range(len(AGENTS))]
             for name in np.unique(self._people)
@@ -157,7 +157,7 @@ class PeoplePredictor:
         curvttc: NDArray[np.float64],
         active: NDArray[np.bool_],
     ) -> Actions:
-        """See `Predictor.act`."""
+        """Return both agents' accelerations, see `Predictor.act`."""
         reset = active & ~self._begun & (curvttc < CRITICAL_TTC)
         self._begun |= reset
         trend = self._done.sum(axis=0) / np.maximum(self._known, 1)[:, None]
@@ -172,7 +172,7 @@ class PeoplePredictor:
         return out[0].astype(np.float32), out[1].astype(np.float32)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """See `Predictor.executed`."""
+        """Append the executed accelerations to the histories, see `Predictor.executed`."""
         self._done[:, active] = np.concatenate([self._done[1:, active], actions[0][None, active]])
         self._known[active] = np.minimum(self._known[active] + 1, _TREND)
 

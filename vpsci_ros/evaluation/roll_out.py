@@ -1,4 +1,4 @@
-"""The roll-out: policies observe, act and move on through known kinematics, in training and in evaluation.
+"""The roll-out: policies observe and act, and known kinematics move the agents, in training and in evaluation.
 
 Its three parts are independent: where it starts, who acts (anything that answers `Seen`), and how many of the scenes
 still move at each step.

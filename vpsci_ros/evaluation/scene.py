@@ -33,13 +33,13 @@ class Scene(NamedTuple):
     pedestrian_velocity: Tensor  # [B, 2] [m/s]
 
     def rows(self) -> Tensor:
-        """Return [B, 9], rows as in `Interactions.motion`."""
+        """Return the scenes as rows of `Interactions.motion`, [B, 9]."""
         vehicle = self.vehicle, self.heading[:, None], self.vehicle_velocity
         return torch.cat([*vehicle, self.pedestrian, self.pedestrian_velocity], dim=1)
 
     @property
     def finite(self) -> bool:
-        """Whether every number is finite."""
+        """Whether every number of the scenes is finite."""
         return bool(torch.cat([part.detach().flatten() for part in self]).isfinite().all())
 
 

@@ -43,7 +43,7 @@ def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
 
 
 def tracked(onsets: Onsets) -> Floats:
-    """Return positions at constant velocity, the vehicle's from its last positions (`scene.scene_at`), K = 1."""
+    """Return positions at constant velocity, K = 1; the vehicle's is computed from its last positions (`scene_at`)."""
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 

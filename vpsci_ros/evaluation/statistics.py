@@ -47,7 +47,7 @@ class Units(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Their number and what they are, as in "118 clips"."""
+        """The number and the kind of the units, as in "118 clips"."""
         count = len(np.unique(self.labels))
         return f"{count} {self.name if count != 1 else self.name[:-1]}"
 

@@ -57,7 +57,7 @@ class ClassProcess:
         self._first("while its objects were made")
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
-        """Yield the answer to each scene; after the process has ended, an answer that says so."""
+        """Yield the answer to each scene; after the process has ended, the answer is an error."""
         with contextlib.suppress(OSError):
             self._connection.send(scenes)
         for _ in scenes:

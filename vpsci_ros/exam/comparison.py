@@ -23,7 +23,7 @@ _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hard
 
 
 class Earlier(NamedTuple):
-    """An earlier exam.
+    """An earlier exam that an exam is compared with.
 
     :ivar rows: of its driving system, a row an episode.
     """
@@ -103,7 +103,7 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
 
 
 def failing(report: Mapping[str, Any], table: pl.DataFrame) -> Failing:
-    """Return the episodes that an exam lists: against an earlier exam by how they changed, else those that fail.
+    """Return the episodes that a report lists: those that changed since an earlier exam, or else the failures.
 
     :param report: what report.json holds; `table`: a row an episode.
     """

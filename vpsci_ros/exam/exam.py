@@ -80,7 +80,7 @@ class Exam:
 
     @property
     def episodes(self) -> list[Key]:
-        """The episodes, the same ones with each pedestrian."""
+        """The episodes of the exam, which are the same with each pedestrian."""
         return list(self.run.queue())
 
     def only(self, keys: Sequence[Key]) -> "Exam":
@@ -118,7 +118,7 @@ class Exam:
         return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
 
     def reach(self, pedestrian: str) -> NDArray[np.float64] | None:
-        """Return the range of a pedestrian's recorded onsets, float64[4, 5]; None: it does not act by a bank."""
+        """Return the range of a pedestrian's recorded onsets, float64[4, 5]; None if it does not act by a bank."""
         config = self.sections.get(PolicyConfig, "pedestrian_policy")
         policy = load_policy(self.weights) if pedestrian == LEARNED else None
         return policy.of(config.people).reach if isinstance(policy, Bank) else None

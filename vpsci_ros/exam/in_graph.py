@@ -44,7 +44,7 @@ def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
 
 
 def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
-    """Run the graph with one pedestrian in the folder `run`; its record has a failure of the system.
+    """Run the graph with one pedestrian in the folder `run`, whose record names any failure of the driving system.
 
     :param log: for what the system writes.
     :raises VpsciError: a node has failed.

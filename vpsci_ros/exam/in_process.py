@@ -1,4 +1,4 @@
-"""A run of an exam without ROS: the driving system is a class, an object in this process, or the autopilot.
+"""A run of an exam without ROS, with a Python class, an object in this process or the autopilot as driving system.
 
 A driver that raises, or answers with something that is no command, loses that episode and no other: which ones are lost
 does not depend on how many run side by side.

@@ -66,7 +66,7 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
 
 
 def save_one(episode: Episode, path: Path) -> None:
-    """Draw an episode by itself, as a PNG."""
+    """Draw one episode as a PNG."""
     figure = blank_figure(4.4, 3.3)
     draw_episode(figure.subplots(), "", episode.pair())
     save_png(figure, path)

@@ -82,7 +82,7 @@ def _range(learned: pl.DataFrame) -> dict[str, int] | None:
 
 
 def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
-    """Return measure -> title, unit and definition, with the thresholds of `config` in it."""
+    """Return title, unit and definition of each measure, with the thresholds of `config`."""
     limits = {"conflict": CONFLICT_TTC, "severe": SEVERE_TTC, "hard_braking": HARD_BRAKING}
     return {
         name: {"title": row.title, "unit": row.unit, "definition": row.definition.format(**limits)}
@@ -119,7 +119,7 @@ def _scores(rows: pl.DataFrame) -> dict[str, Any]:
 
 
 def differences(rows: pl.DataFrame, others: pl.DataFrame) -> dict[str, Any]:
-    """Return measure -> its value for these rows minus that for the others, on common episodes."""
+    """Return, by measure, the value for these rows minus the value for the other rows, on common episodes."""
     out = {}
     for name in DIFFERENCES:
         found, p = difference(rows, others, MEASURES[name])

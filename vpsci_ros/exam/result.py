@@ -68,7 +68,7 @@ class RunResult(NamedTuple):
 def episodes_of(
     ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], source: str
 ) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of ticks, sorted by key, and the first critical pedestrian of each critical episode.
+    """Return the episodes in a run's ticks, sorted by key, and the first critical pedestrian of each critical one.
 
     :param period: of a tick [s].
     """

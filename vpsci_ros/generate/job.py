@@ -23,7 +23,7 @@ from vpsci_ros.world.scenario import own_documents
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """Content of a dataset."""
+    """The content of a dataset: its number of episodes, its file formats and its rejected episodes."""
 
     kept: int = parameter(
         0, "kept episodes to generate in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000

@@ -94,7 +94,7 @@ class Parts:
 
 @contextlib.contextmanager
 def parts_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Parts | None]:
-    """Open the parts of `run` in the output folder, begun or not; yields None where the run is complete.
+    """Open the parts of a new or resumed `run` in the output folder; yield None if the run is complete.
 
     :param run: identity of the run, as JSON values.
     :param unit: episodes in a unit of a new run.

@@ -15,7 +15,7 @@ GIVE_UP = 100.0  # times the wanted episodes that may be rejected
 
 
 class ScenarioPlan:
-    """One scenario: its units, handed out and computed.
+    """One scenario: its units of work, those handed out and those computed.
 
     :param target: kept episodes wanted.
     :param first: number of the first episode.
@@ -66,7 +66,7 @@ class ScenarioPlan:
         return None
 
     def unit(self, place: int) -> Unit:
-        """Return the unit at a place, counted from 0."""
+        """Return the unit of work with this index, counted from 0."""
         begin = self._first + place * self._size
         return Unit(self.scenario, range(begin, begin + self._size))
 
@@ -96,7 +96,7 @@ class DatasetPlan:
 
     @property
     def complete(self) -> bool:
-        """Whether every scenario is."""
+        """Whether every scenario is complete."""
         return all(scenario.complete for scenario in self.scenarios.values())
 
     def next(self) -> Unit | None:

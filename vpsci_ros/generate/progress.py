@@ -23,7 +23,7 @@ class ProgressOfRun(Bars):
         return self
 
     def show(self, plan: DatasetPlan) -> None:
-        """Update the display."""
+        """Show the present state of the plan."""
         if self._before is None:  # what an earlier run had done does not count for this one's rate
             self._before = {number: _counted(scenario) for number, scenario in plan.scenarios.items()}
         hours = max(1e-3, time.monotonic() - self._begun) / 3600.0

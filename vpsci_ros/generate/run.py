@@ -36,7 +36,7 @@ Report = Callable[[DatasetPlan], None]
 
 @dataclass(frozen=True)
 class Generated:
-    """The result of a run.
+    """The result of a generation.
 
     :ivar description: content of dataset.json.
     :ivar computed: episodes simulated by this run, with those beyond the last needed one; 0 for a finished dataset.

@@ -1,4 +1,4 @@
-"""Episodes by their numbers: world, monitor, policies and filters over one unit of work, in one thread.
+"""Simulation of one unit of episodes by world, monitor, policies and filters, in one thread.
 
 Every episode is simulated to its end. Episodes that are never critical could end early, but they run without policies
 and cost about a tenth of the time, and to end them needs a proof that CurvTTC stays high in any scenario file.
@@ -74,7 +74,7 @@ def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
 
 
 def computing(job: Job, batch: int) -> Callable[[Unit], EpisodeBlock]:
-    """Return a function that computes a unit; the rows of a unit with a file are written there and not returned."""
+    """Return a function that computes a unit; if a unit has a file, rows are written there and not returned."""
     simulator = Simulator(job, batch)
 
     def compute(unit: Unit) -> EpisodeBlock:

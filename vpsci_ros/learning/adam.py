@@ -1,4 +1,4 @@
-"""Adam as torch has it, without the compiler that torch imports for it."""
+"""The optimiser Adam of torch, without the import of torch's compiler."""
 
 import inspect
 
@@ -7,7 +7,7 @@ from torch.optim import Optimizer
 
 
 class Adam(torch.optim.Adam):
-    """torch's Adam, bit for bit, for processes that compile no network.
+    """Adam, bit-identical to torch's, for processes that compile no network.
 
     torch wraps these methods so that its compiler leaves them out, and imports the compiler at the first call. That
     import takes longer than torch's own.

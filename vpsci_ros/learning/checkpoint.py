@@ -21,7 +21,7 @@ _ARRAY, _TENSOR = "__array__", "__tensor__"
 
 
 def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
-    """Write `tree`; a checkpoint of an earlier step stays until this one is complete."""
+    """Write the state `tree` as a checkpoint; the earlier checkpoint stays until the new one is complete."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     skeleton = _flatten(tree, "", arrays)
     with atomic_write(path) as temporary:

@@ -49,7 +49,7 @@ class ReplayConfig:
 
 @dataclass(frozen=True)
 class UpdatesConfig:
-    """Updates of the networks."""
+    """The step sizes and other constants of the networks' updates."""
 
     actor_learning_rate: float = parameter(1e-4, "step size of the actors", low=0.0, high=1.0)
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)

@@ -32,7 +32,7 @@ Tensors = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class Scored:
-    """Actions that are evaluated, float32[M, T, 2] [m/s2] per agent, their rewards, float32[M, T], and what followed.
+    """Evaluated actions, float32[M, T, 2] [m/s2] per agent, their rewards, float32[M, T], and the next observations.
 
     :ivar batch: the batch with the observations that these actions have led to.
     """
@@ -102,7 +102,7 @@ class Maddpg:
         self.actor_optimiser = Adam(networks.actor.parameters(), config.actor_learning_rate)
 
     def act(self, batch: Batch, gradient: bool = True) -> Tensors:
-        """Return mu(H(t)), float32[M, T, 2], of both agents; for recorded steps the last step's action at every t."""
+        """Return mu(H(t)), float32[M, T, 2], of both agents; for recorded steps every t has the last step's action."""
         actions = {}
         with torch.set_grad_enabled(gradient):
             for agent in AGENTS:

@@ -19,7 +19,7 @@ from vpsci_ros.runs.plugins import PluginGroup
 
 
 class Training(NamedTuple):
-    """The networks, critics and data of a training, for an objective.
+    """The networks, critics and data of a training, as an objective gets them.
 
     :ivar maddpg: networks, critics and their optimisers.
     :ivar rewards: which actions of a batch are scored, and by what.
@@ -62,7 +62,7 @@ class Objective:
 
 
 class PolicyGradient:
-    """See `StageObjective`: the actors follow the critics' policy gradient, as in Algorithm 1."""
+    """The actors follow the critics' policy gradient, as in Algorithm 1; see `StageObjective`."""
 
     optimisers = ()
 
@@ -70,7 +70,7 @@ class PolicyGradient:
         self._training = training
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """See `StageObjective.update`."""
+        """Update critics, actors and targets once, see `StageObjective.update`."""
         actions = self._training.maddpg.act(batch)
         scored = self._training.rewards.score(batch, actions, rng)
         return replace(self._training.maddpg.update(batch, scored, actions, rng), actions=actions)

@@ -1,4 +1,4 @@
-"""Replay buffers, and the mini-batches drawn from them.
+"""The replay buffers of both stages, and mini-batches drawn from a buffer.
 
 Stage 1 draws single recorded steps, each with its history of `WINDOW` steps (Table 8's input sequence length). Stage 2
 draws steps by (17), and each brings the whole history of its episode, since an SST network at step t needs all that
@@ -25,7 +25,7 @@ Floats = NDArray[np.float32]
 
 @dataclass
 class History:
-    """T steps of both agents: an episode from the first hand-over on, or a recording.
+    """A history of T steps of both agents: an episode from the first hand-over on, or a recording.
 
     `observation` and `curvttc` include what followed the last action. `next_velocity` are the next speeds that rewards
     (14)-(15) compare with: recorded ones in real experience, the frozen stage-1 actor's in simulated.
@@ -46,7 +46,7 @@ class History:
 
     @property
     def steps(self) -> int:
-        """Number of steps at which the policies acted."""
+        """Number of steps of the history at which the policies acted."""
         return int(np.count_nonzero(self.acting))
 
     def learnable(self, discount: float) -> "History":
@@ -76,7 +76,7 @@ class History:
 
 @dataclass(frozen=True)
 class Batch:
-    """M histories as padded tensors; fields as in `History` with leading M.
+    """A batch of M histories as padded tensors; each field is that of `History` with a leading dimension M.
 
     :ivar present: bool[M, T], steps that are learned from.
     :ivar length: int64[M], steps of each history.
@@ -96,12 +96,12 @@ class Batch:
 
     @property
     def step(self) -> Tensor | None:
-        """The step of each row that is trained on, int64[M], for recorded steps; None: all steps of a history."""
+        """For recorded steps, the trained step of each row, int64[M]; None: all steps of a history are trained on."""
         return None if self.scene is None else self.length - 1
 
 
 def collate(histories: Sequence[History]) -> Batch:
-    """Pad histories to the longest of them."""
+    """Return histories as a batch, padded to the longest history."""
     steps = max(len(h) for h in histories)
 
     def stacked(name: str, agent: str, width: int, extra: int) -> Tensor:
@@ -130,7 +130,7 @@ def collate(histories: Sequence[History]) -> Batch:
 
 
 def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArray[np.int64]) -> Batch:
-    """Return M recorded steps, `at` of interactions `row`, int64[M] each, with the last `WINDOW` steps before.
+    """Return the steps `at` of the interactions `row`, int64[M] each, with the `WINDOW` steps before each.
 
     What follows the last step is as recorded. The record's end ends the episode, so returns are sums over it.
     """
@@ -212,7 +212,7 @@ class ReplayBuffer:
             self.append(history)
 
     def append(self, history: History) -> None:
-        """Add a history; its steps get the highest priority so far, so that each is likely to be seen once."""
+        """Add a history; its steps get the highest priority so far, so that each step is likely to be drawn once."""
         if len(history.priority) == 0:
             history.priority = np.full(len(history), self.highest)
         self.histories.append(history)
@@ -252,7 +252,7 @@ class ReplayBuffer:
         return picked
 
     def reprioritise(self, histories: list[History], errors: NDArray[np.float64]) -> None:
-        """Store |delta|, float64[M, T], of the histories of a batch."""
+        """Store |delta|, float64[M, T], as the priorities of a batch's histories."""
         for history, error in zip(histories, errors, strict=True):
             history.priority = error[: len(history)].copy()
             self.highest = max(self.highest, float(history.priority.max()))

@@ -42,7 +42,7 @@ def speed_reward(predicted: Tensor, observed: Tensor, deviation: Tensor) -> Tens
 
 
 class RewardWeights:
-    """w_1 (collision), w_2 (goal), w_3 (speed) of (27), of each agent: fixed, or adapted after every episode by (28).
+    """Each agent's w_1 (collision), w_2 (goal), w_3 (speed) of (27), fixed or adapted by (28) after each episode.
 
     (28) multiplies each weight by exp(lambda |mean reward|) and normalises, so a component that is larger on average
     takes over in the end, whatever lambda; lambda only sets how many episodes that takes.
@@ -66,7 +66,7 @@ class RewardWeights:
 
 
 class SpeedReward:
-    """(14)-(15) of actions in the steps of a batch.
+    """The speed reward (14)-(15) of actions at the steps of a batch.
 
     :param networks: whose `speed_deviation` is sigma.
     :param scaling: factor on the reward.
@@ -92,13 +92,13 @@ class Rewards(Protocol):
 
 
 class RecordedRewards:
-    """Stage 1: the speed reward of actions around the actors', by the recorded next speeds."""
+    """The rewards of stage 1: the speed reward of noisy actions of the actors, by the recorded next speeds."""
 
     def __init__(self, config: SpeedRewardsConfig, networks: Networks) -> None:
         self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """See `Rewards.score`: the explored action of each recorded step, and the next state by the kinematics."""
+        """Score the explored action of each recorded step and the next state by the kinematics; see `Rewards.score`."""
         scored = {agent: explored(actions[agent], self._exploration, rng) for agent in AGENTS}
         rewards = {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS}
         return Scored(scored, rewards, _followed(batch, scored))
@@ -119,7 +119,7 @@ def _followed(batch: Batch, done: Mapping[str, Tensor]) -> Batch:
 
 
 class SimulatedRewards:
-    """Stage 2: collision, goal and speed (25)-(27) by `weights`, which adapt (28).
+    """The rewards of stage 2: collision, goal and speed (25)-(27) by `weights`, which may adapt by (28).
 
     In simulation nobody observes what a person would have done next, so the speed reward compares with what the
     *frozen stage-1 actor* does after the same history: it is zero where the policy still behaves as the real near
@@ -184,7 +184,7 @@ class SimulatedRewards:
         return np.stack(components)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """See `Rewards.score`: the executed and the recorded actions; by (27)."""
+        """Score the executed and the recorded actions by (27); see `Rewards.score`."""
         rewards = {}
         for agent, weights in zip(AGENTS, torch.from_numpy(self.weights.values.astype(np.float32)), strict=True):
             speed = self.speed(batch, batch.action[agent], agent) * batch.present

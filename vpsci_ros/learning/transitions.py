@@ -40,7 +40,7 @@ Completed = tuple[NDArray[np.void], list[NDArray[np.void]]]
 
 
 class TransitionBuilder:
-    """Pairs the state of each policy frame with the state one policy period, or the end of the episode, later.
+    """Pairs the state of each policy frame with the state one policy period later, or with the episode's last state.
 
     A history begins with the first hand-over of an episode and ends with the episode, see `policy.histories`. Where the
     rule-based pair drives, also in place of a missing answer, transitions say what the motion shows, and are not

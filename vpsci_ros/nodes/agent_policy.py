@@ -27,7 +27,7 @@ OFFER_PERIOD = 0.1  # [s]: endpoints of two programs that know each other are ma
 
 
 class AgentPolicy(GraphNode):
-    """`/world/state`, `/safety/state` and, where no weights are given, `/policy/weights` in, `/<agent>/action` out.
+    """Subscribes to `/world/state`, `/safety/state` and, without given weights, `/policy/weights`; publishes actions.
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
     which it does not act, so that the world never waits in vain. An answer is a function of all policy frames since the

@@ -105,7 +105,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return (each for each in super().subscriptions if each not in self.intake.polled)
 
     def config(self, kind: type[T]) -> T:
-        """Return one of the section's configuration classes, filled with this node's parameters."""
+        """Return one of the section's configuration classes with this node's parameters."""
         return pick(kind, self._values, self._section)
 
     def parameters_changed(self) -> None:
@@ -145,7 +145,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def simulated_time(self) -> Time:
-        """`simulated_at` as a stamp."""
+        """The time `simulated_at` as the stamp of a message."""
         return Time(sec=self.simulated_at // 1_000_000_000, nanosec=self.simulated_at % 1_000_000_000)
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
@@ -162,7 +162,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def awaited(self) -> list[str]:
-        """What the node waits for."""
+        """The names of the nodes or topics that the node waits for."""
         return []
 
     def figures(self) -> dict[str, Any]:
@@ -201,14 +201,14 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def quiet(self) -> bool:
-        """Whether the node may stop now; one that `drains` first receives the messages that are on their way to it."""
+        """Whether the node may stop now; a node that `drains` first receives the messages still on their way."""
         return not self.drains or time.perf_counter() - self.intake.arrived > DRAIN_QUIET
 
     def close(self) -> None:
         """Finish what the node has begun; called once on every way out, while publishing still works."""
 
     def flush(self) -> None:
-        """Wait until the recorder has received what this node published; not for long, since it may be dead."""
+        """Wait for a limited time until the recorder has received what this node published."""
         recorded = [output for output in self._offered if "recorder" in output.expected and output.published]
         all(output.flush(FLUSH_LIMIT) for output in recorded)
 

@@ -26,7 +26,7 @@ EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `vpsci node`
 
 @dataclass(frozen=True)
 class GraphConfig:
-    """A run of several nodes."""
+    """The nodes of a graph, and how they run together."""
 
     nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes that make up the graph", choices=NODES)
     progress_timeout: float = parameter(
@@ -50,7 +50,7 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """The bag and its files."""
+    """The bag of the recorder, and its files."""
 
     bag: str = parameter("out/bag", "folder of the bag; must not exist or be empty")
     split_size: int = parameter(

@@ -48,14 +48,14 @@ def sequence(values: Array) -> array[Any]:
 
 
 def filled(message: T, fields: Mapping[str, Any]) -> T:
-    """Return `message` with these fields, arrays as sequences."""
+    """Return `message` with these fields set; arrays become sequences."""
     for name, value in fields.items():
         setattr(message, name, sequence(value) if isinstance(value, np.ndarray) else value)
     return message
 
 
 def stamp(tick: int, period: float) -> Time:
-    """Return the simulated time [s] of a tick of `period` seconds."""
+    """Return the simulated time of a tick of `period` seconds as a ROS time."""
     header = tick_header(tick, period)
     return Time(sec=header.seconds, nanosec=header.nanoseconds)
 

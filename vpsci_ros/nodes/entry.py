@@ -1,4 +1,4 @@
-"""The executables of `ros2 run vpsci_ros`, one by the name of each node, quick to import, so that Ctrl-C works at once.
+"""The executables of `ros2 run vpsci_ros`, one for each node; they import quickly, so that Ctrl-C works at once.
 
 A node's own module takes a second to import, and Python would answer a Ctrl-C on the way with a traceback.
 `python -m vpsci_ros.nodes NODE` and `vpsci node NODE` start the same.
@@ -18,7 +18,7 @@ _MODULES = dict.fromkeys(("vehicle_policy", "pedestrian_policy"), "agent_policy"
 
 
 def node_class(name: str) -> Any:
-    """Return the class of a node, `WorldSimulator` of "world_simulator"; or what "module:Class" names."""
+    """Return the class of a node, such as `WorldSimulator` of "world_simulator", or the class "module:Class"."""
     where, _, kind = name.partition(":")
     if kind:
         return getattr(importlib.import_module(where), kind)

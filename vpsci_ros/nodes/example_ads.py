@@ -22,7 +22,7 @@ from vpsci_ros.nodes.example_driver import ExampleDriver, Mover  # the file besi
 
 
 class ExampleAds(Node):
-    """`/vehicle/odometry` and the pedestrians in, `/vehicle/cmd_accel` out, one answer a tick.
+    """Subscribes to `/vehicle/odometry` and the pedestrians; publishes one `/vehicle/cmd_accel` a tick.
 
     The pedestrians come as they are, on `/pedestrian/odometry`, or as perception has them, on `/perception/objects`.
     """
@@ -67,7 +67,7 @@ class ExampleAds(Node):
             self.vehicle = None  # one answer a tick
 
     def command_for(self, vehicle: Odometry, pedestrians: list[Mover]) -> None:
-        """Publish the command for these states."""
+        """Publish the command for these states of vehicle and pedestrians."""
         message = AccelStamped(header=vehicle.header)
         message.accel.linear.x = self.driver.acceleration(mover(vehicle), pedestrians)
         self.command.publish(message)  # linear.y, to the left, would be added to the world's lane keeping

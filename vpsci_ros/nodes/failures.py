@@ -48,7 +48,7 @@ def waiting(statuses: Mapping[str, NodeStatus]) -> str:
 
 
 def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mapping[str, NodeStatus]) -> str:
-    """Return a sentence about missing progress, with its reasons.
+    """Return a sentence about missing progress and the reasons for it.
 
     :param idle: for how long no node has reported any progress [s].
     :param logs: folder of the nodes' logs.
@@ -141,7 +141,7 @@ def incomplete(
     recorded: RecordedCounts | None,
     killed: Collection[str] = (),
 ) -> list[str]:
-    """Return what a run without an error lacks, one clause each; empty if it is complete.
+    """Return a clause for everything that a run without an error lacks; empty if the run is complete.
 
     :param requested: episodes; 0 where no world runs.
     :param nodes: of the graph.

@@ -241,7 +241,7 @@ class NodeProcesses:
         return {node: status for node, process in self.running.items() if (status := now[process]) is not None}
 
     def statuses(self, seconds: float) -> dict[str, NodeStatus]:
-        """Return the latest report of each node that has made one, after reading the pipes for so many seconds."""
+        """Read the pipes for a time [s], and return the latest report of each node that has sent one."""
         until = time.monotonic() + seconds
         while True:
             left = until - time.monotonic()

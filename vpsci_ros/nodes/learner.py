@@ -28,7 +28,7 @@ REPORT_PERIOD = 0.5  # [s] between diagnostics
 
 
 class Learner(GraphNode):
-    """Stage 1: near misses in, weights out, then finished. Stage 2: `/replay` in, `/policy/weights` out."""
+    """Stage 1 reads near misses and writes weights. Stage 2 subscribes to `/replay` and publishes `/policy/weights`."""
 
     drains = True
 
@@ -49,7 +49,7 @@ class Learner(GraphNode):
 
     @property
     def state(self) -> str:
-        """The learner's stage."""
+        """The stage in which the learner is."""
         return self._config.stage
 
     def figures(self) -> dict[str, Any]:
@@ -152,7 +152,7 @@ class Learner(GraphNode):
             self.report(wait=last)
 
     def close(self) -> None:
-        """Write the last of the log and, unless an update failed, the refined weights."""
+        """Write the last rows of the log and, unless an update failed, the refined weights."""
         if self._refiner is not None:
             self._log.note(last=True)
             if self._whole:

@@ -7,7 +7,7 @@ LARGEST_GAP = 100_000  # ticks
 
 
 class Meter:
-    """Counts answers, how long each took, and the ticks of the world that it did not receive.
+    """Counts a node's answers, the time that each took, and the ticks of the world that the node did not receive.
 
     These are figures of the machine by the wall clock, not of the episodes, and differ from run to run.
     """
@@ -29,7 +29,7 @@ class Meter:
         self._tick = tick
 
     def answered(self, arrived: float) -> None:
-        """Count an answer; `arrived` is the `time.perf_counter()` at which the message that it answers came."""
+        """Count an answer; `arrived` is the `time.perf_counter()` at which the answered message arrived."""
         took = time.perf_counter() - arrived
         self.count += 1
         self._spent += took

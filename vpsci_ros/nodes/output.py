@@ -64,7 +64,7 @@ class Output:
 
     @property
     def complete(self) -> bool:
-        """Whether every other subscriber that was discovered is matched, too."""
+        """Whether every discovered subscriber is matched, also the unexpected ones."""
         known = self._node.count_subscribers(self.full_name)
         return self.matched and self._publisher.get_subscription_count() >= known
 

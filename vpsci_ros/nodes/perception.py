@@ -24,7 +24,7 @@ REPEAT_AFTER = 1.25  # [s] of a world that stands still at the first tick; it kn
 
 
 class Perception(GraphNode):
-    """`/world/state` in, `/perception/objects` out, a list of objects a tick, with the stamp of when they were seen.
+    """Subscribes to `/world/state`; publishes a list `/perception/objects` a tick, stamped with the time of detection.
 
     Scenarios and the number of pedestrians come with the world's reports; ticks that come before the first one wait.
     The first list is published again while the world waits for an external driving system, which may have been
@@ -58,7 +58,7 @@ class Perception(GraphNode):
 
     @property
     def awaited(self) -> list[str]:
-        """The world, until its parameters are known."""
+        """The world's name, until the world's parameters are known."""
         return self._awaited
 
     def _world_parameters(self, message: DiagnosticArray) -> dict[str, dict[str, Any]]:

@@ -31,7 +31,7 @@ _AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
 
 
 class Recorder(GraphNode):
-    """Every topic of the table that names the recorder, raw, into one bag.
+    """Writes the serialized messages of every topic that lists the recorder as subscriber into one bag.
 
     Log times are the simulated times in the messages, so that a bag plays back at the pace of the world and is the
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
@@ -147,7 +147,7 @@ class Recorder(GraphNode):
 
 
 def is_own(topic: str, data: bytes, prefix: str) -> bool:
-    """Return whether a message on a topic that graphs share is of the graph whose names begin with `prefix`.
+    """Return whether a message on a shared topic comes from the graph whose names begin with `prefix`.
 
     :param prefix: such as "left/", or nothing.
     :raises InvalidInput: the bytes are no message.

@@ -33,7 +33,7 @@ REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=Reliabi
 
 
 class Replayer(GraphNode):
-    """A bag in, its topics and `/clock` out; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) steer it.
+    """Publishes a bag's topics and `/clock`; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) control it.
 
     It begins when the readers among `peers` are there and, for the others, when no new one has come for a while.
     From a later episode on, it first publishes what latched topics held at its beginning, such as `/tf_static`.
@@ -145,7 +145,7 @@ class Replayer(GraphNode):
         return self._rate == 0.0 or (self._next.time - at) * 1e-9 <= (now - begun) * self._rate
 
     def parameters_changed(self) -> None:
-        """Apply the new rate."""
+        """Apply the rate that was set on the running node."""
         self._rate = self.config(ReplayerConfig).rate
         self._restart_pace()
 
@@ -181,7 +181,7 @@ class Replayer(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether it waits for readers, is paused, or plays."""
+        """Whether the replayer waits for subscribers, is paused, or plays."""
         return "waiting for readers" if not self._begun else "paused" if self._paused else "playing"
 
     def figures(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ ANNOUNCED_PATIENCE = 3.0  # [s] to wait for announced readers of the state that 
 
 
 class Respondents:
-    """`/safety/state`, the agents' actions and an external driving system's commands.
+    """The input of the world: `/safety/state`, the agents' actions and an external driving system's commands.
 
     :param answered: called when an answer has come.
     """
@@ -145,7 +145,7 @@ def _named(fields: str) -> Iterator[None]:
 
 
 def vehicle_frames(prefix: str) -> tuple[str, ...]:
-    """Return the frames that a command along the vehicle may name: none, the vehicle's, or the odometry's.
+    """Return the frames that a command along the vehicle may name: "", the frame of the odometry, or the vehicle's.
 
     A driving system that copies the odometry's header, to say which tick it answers, has the frame `map` there.
     """

@@ -11,7 +11,7 @@ from vpsci_ros.world.monitor import assess, warm_up
 
 
 class SafetyMonitor(GraphNode):
-    """`/world/state` in, `/safety/state` out, in lock-step."""
+    """Subscribes to `/world/state` and publishes `/safety/state`, in lock-step."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__("safety_monitor", **given)

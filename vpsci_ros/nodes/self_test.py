@@ -15,7 +15,7 @@ PATIENCE = 5.0  # [s] for a message to arrive
 
 
 def exchange() -> float:
-    """Return the time until a node in its own domain received what it published [s].
+    """Return the time [s] until a node in its own domain received the message that it published.
 
     :raises VpsciError: nothing arrived in time.
     """

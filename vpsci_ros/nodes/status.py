@@ -1,4 +1,4 @@
-"""A node's report of itself, published on `/diagnostics` and, in a graph, sent through a pipe.
+"""The report of a node, published on `/diagnostics` and, in a graph, sent through a pipe.
 
 Any program may publish on `/diagnostics`. What decides how a run ended comes through a pipe that `vpsci graph` gives to
 each process it starts, and that no other program has: lines of JSON, one a report, the last one at the node's end.
@@ -20,7 +20,7 @@ PIPE = "VPSCI_STATUS_PIPES"
 
 @dataclass
 class NodeStatus:
-    """A node's report.
+    """The report of a node, see also `/diagnostics`.
 
     :ivar state: "waiting", "running", "paused" or the like.
     :ivar awaited: what it waits for, names of nodes or a few words.
@@ -57,7 +57,7 @@ class NodeStatus:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "NodeStatus":
-        """Return the status of which `values` are the fields, as JSON has them."""
+        """Return the status with these `values` of its fields, as read from JSON."""
         counts = values.get("counts")
         return cls(**{**values, "counts": WorldCounts(**counts) if counts else None})
 
@@ -90,7 +90,7 @@ class StatusPipe:
         os.close(self.write_end)
 
     def read(self) -> None:
-        """Read the available bytes."""
+        """Read the available bytes of the pipe."""
         data = bytearray()
         with contextlib.suppress(BlockingIOError):
             while block := os.read(self.read_end, 65536):

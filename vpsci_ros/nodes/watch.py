@@ -40,7 +40,7 @@ class Watch:
         return time.monotonic() - self._last - self._excused
 
     def excuse(self, seconds: float) -> None:
-        """Subtract time in which a node could not run or was still starting."""
+        """Subtract from the idle time the time in which a node could not run or was still starting."""
         self._excused += seconds
 
     def take(self, statuses: dict[str, NodeStatus]) -> None:

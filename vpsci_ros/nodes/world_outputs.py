@@ -23,7 +23,7 @@ PERCEPTION = "perception"  # the node
 
 
 class WorldOutputs:
-    """`/clock`, `/world/state`, `/episode/event`, `/replay`; with `batch: 1` also odometry, transforms and markers.
+    """Publishes `/clock`, `/world/state`, `/episode/event`, `/replay`; with `batch` 1 also odometry and views.
 
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
     Where the graph has the node `perception`, pedestrians are on `/perception/objects` instead.
@@ -63,15 +63,15 @@ class WorldOutputs:
         warm_up()
 
     def absent(self) -> set[str]:
-        """Return the nodes that are expected to subscribe and have not."""
+        """Return the nodes that are expected to subscribe and have not subscribed yet."""
         return {name for output in self.all if not output.matched for name in output.missing()}
 
     def unread(self) -> set[str]:
-        """Return other discovered subscribers that are not matched yet."""
+        """Return the discovered, unexpected subscribers that are not matched yet."""
         return {f"a reader of {output.full_name}" for output in self.all if not output.complete}
 
     def tick(self, tick: Tick) -> None:
-        """Publish a tick."""
+        """Publish the time and the state of a tick."""
         header = tick_header(tick.number, self._period)
         self._node.simulated_at = header.at
         self._time.publish(write_clock(header))

@@ -35,7 +35,7 @@ LATE = 1.0  # [s] after which an answer that is missing is reported
 
 
 class WorldSimulator(GraphNode):
-    """`/safety/state` and the agents' actions in; `/clock`, `/world/state`, `/episode/event` and views of it out.
+    """Reads `/safety/state` and the agents' actions; publishes `/clock`, `/world/state`, `/episode/event` and views.
 
     :param server: that moves the agents; None: that of the parameter `engine`.
 
@@ -253,7 +253,7 @@ class WorldSimulator(GraphNode):
         return figures | ({"transitions_not_consumed": self._lock_step.unread} if self._builder else {})
 
     def close(self) -> None:
-        """Log the result."""
+        """Log the result of the run."""
         if self._lock_step.tick is None:
             return
         totals = ", ".join(f"{name} {count}" for name, count in self.counts.nonzero().items())
