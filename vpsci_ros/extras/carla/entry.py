@@ -1,4 +1,4 @@
-"""The executable `carla_world` of `ros2 run vpsci_ros`, quick to import as `vpsci_ros.nodes.entry` is."""
+"""The executable `carla_world` of `ros2 run vpsci_ros`; like `vpsci_ros.nodes.entry`, it imports quickly."""
 
 from functools import partial
 

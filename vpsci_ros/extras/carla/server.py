@@ -43,7 +43,7 @@ class Server(Protocol):
         """
 
     def close(self) -> None:
-        """Restore the engine's settings from before."""
+        """Restore the engine's former settings."""
 
 
 class LiveServer:

@@ -1,4 +1,4 @@
-"""A world whose agents another engine moves, such as CARLA; spawns, hand-over and outcomes are `World`'s."""
+"""A world whose agents another engine moves, such as CARLA; `World` gives spawns, hand-over and outcomes."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""The page: its HTML, the data of a tick that it shows, and the keys that the person presses."""
+"""The page of `vpsci drive`: its HTML, the data of a tick that it shows, and the keys that the person presses."""
 
 import math
 import threading

@@ -13,7 +13,7 @@ TREADING = 4.0  # [1/s] of a pedal's way
 
 
 class Person:
-    """A driver, see `vpsci_ros.exam.driver_class`.
+    """A person as a driver, see `vpsci_ros.exam.driver_class`.
 
     :param period: of a tick [s].
     :param factor: simulated over wall time.

@@ -1,4 +1,4 @@
-"""The exam of a person: one episode after the other in the page, each stored as a run, then the report.
+"""The exam of a person: each episode is driven in the page and stored as a run; a report follows at the end.
 
 The output folder is that of an exam (`vpsci_ros.exam.run`), with replays/ beside it. The same command goes on after the
 episodes that are driven.

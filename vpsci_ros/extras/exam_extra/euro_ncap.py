@@ -47,7 +47,7 @@ LANE_OFFSET = 1.75  # [m] of the vehicle from the middle of its road (section 3.
 
 @dataclass(frozen=True)
 class Test:
-    """One test by day, its standard range.
+    """One daytime test of the protocol, with its standard range of speeds and impact locations.
 
     :ivar section: of the protocol, which gives speeds and points.
     :ivar points: of the standard range.
@@ -158,7 +158,7 @@ class Cell(NamedTuple):
 
 
 def cells() -> list[Cell]:
-    """Return all tested cells; the required one with the slow pedestrian is the last."""
+    """Return all tested cells; the last one is the required cell with the slow pedestrian."""
     named = [*TESTS.items(), ("slow", SLOW)]
     wanted = [(name, speed, place) for name, test in named for speed in test.speeds for place in test.locations]
     return [Cell(FIRST_NUMBER + n, *each) for n, each in enumerate(wanted)]
@@ -250,7 +250,7 @@ def _parked(path: float) -> list[dict[str, float]]:
 
 
 def motion(scenarios: Sequence[Scenario], config: WorldConfig) -> Motion:
-    """Return the target's motion in each cell's episode: a vehicle at constant speed hits it at the cell's point.
+    """Return the target's motion in each cell's episode, which a vehicle at constant speed hits at the cell's location.
 
     Where that is follows from the vehicle as the world drives it along its path.
 

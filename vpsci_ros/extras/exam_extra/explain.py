@@ -78,7 +78,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
 
 
 def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return groups of similar failures, the largest group first, each with its smallest case.
+    """Return groups of similar failures, the largest group first, each with its smallest failed episode.
 
     That is the one with the fewest pedestrians, and of these the shortest.
     """

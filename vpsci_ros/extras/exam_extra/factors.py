@@ -20,7 +20,7 @@ LONGEST = 3.0  # [s] by which braking is made earlier at most
 
 
 class Case(NamedTuple):
-    """A failure.
+    """A failed episode, as the factors need it.
 
     :ivar end: frame of the contact, or of the least CurvTTC where there is none.
     :ivar onset: frame at which CurvTTC first falls below 5 s.
@@ -55,7 +55,7 @@ class Span(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Factor:
-    """A property of an episode that is changed when it is repeated.
+    """A property that is changed when an episode is repeated.
 
     :ivar span: how far, of a case and the exam.
     :ivar change: sections of the exam with an amount for each of some cases, all different episodes.

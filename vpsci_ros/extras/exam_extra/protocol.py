@@ -64,10 +64,10 @@ class AutopilotBrake:
 
 
 class ProtocolExam(Exam):
-    """The exam on the protocol's tests, with their target."""
+    """The exam on the protocol's tests, with the tests' target pedestrian."""
 
     def motion(self, pedestrian: str) -> Motion:
-        """Return the motion of the target."""
+        """Return the motion of the target pedestrian."""
         return euro_ncap.motion(self.scenarios, self.with_pedestrian(pedestrian, "external"))
 
 

@@ -34,7 +34,7 @@ _SHOWN = 120  # characters of an answer in a message
 
 
 class SocketDriver:
-    """The system at the other end of a connection, as a driver of one car; a connection that fails stays lost.
+    """A driver of one car: the system at the other end of a connection, which is not reopened after a failure.
 
     :param connection: None: there is none, for the reason that `lost` gives.
     :param patience: for an answer [s].

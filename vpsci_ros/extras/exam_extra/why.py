@@ -53,7 +53,7 @@ class Search:
     episodes: dict[float, Episode] = dataclasses.field(default_factory=dict)
 
     def wanted(self, halving: int) -> list[float]:
-        """Return the amounts to try next: first evenly spaced ones, then one between failing and not failing."""
+        """Return the amounts to try next: first evenly spaced ones, then one between a failing and a passing amount."""
         if not self.span.most:
             return []
         if halving == 0:
@@ -68,7 +68,7 @@ class Search:
 
     @property
     def least(self) -> float | None:
-        """The least amount of those tried that avoids the failure; None: none does."""
+        """The least tried amount that avoids the failure; None if no tried amount does."""
         return min((amount for amount, failed in self.failed.items() if not failed), default=None)
 
     @property

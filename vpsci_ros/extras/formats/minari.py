@@ -77,7 +77,7 @@ def _box(size: int) -> str:
 
 
 def demonstration(pair: Episode, agent: str) -> pa.Table:
-    """Return the T steps of one agent as T + 1 rows; of the last one only the observation and the infos count.
+    """Return the T steps of one agent as T + 1 rows; in the last row only observation and infos have a meaning.
 
     :raises InvalidInput: see `movers` and `tenths`.
     """

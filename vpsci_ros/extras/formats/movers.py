@@ -1,4 +1,4 @@
-"""The data of an episode that formats write: poses, velocities and boxes of road users, and the road.
+"""The data of an episode that exporters write: poses, velocities and boxes of road users, and the road.
 
 A pedestrian is taken to face where it walks; while it stands it keeps the heading it had, or has the first one that
 comes.
@@ -38,7 +38,7 @@ class Mover:
 
     @property
     def speed(self) -> Floats:
-        """Return the speed [m/s]."""
+        """Return the speed of the road user, float64[T] [m/s]."""
         return np.asarray(np.hypot(self.vx, self.vy))
 
 
@@ -89,7 +89,7 @@ def road_of(episode: Episode) -> Scenario:
 
 
 def lane_lines(road: Scenario) -> tuple[Floats, Floats, Floats]:
-    """Return centre, left and right border of the lane, float64[N, 2] [m] each, `BEYOND` longer at both ends."""
+    """Return centre, left and right border of the lane, float64[N, 2] [m] each, extended by `BEYOND` at both ends."""
     lane, half = road.vehicle.path, 0.5 * road.vehicle.lane_width
     along = np.arange(-BEYOND, lane.length + BEYOND, lane.step)
     centre, left, right = (np.array([lane.beside(s, aside) for s in along]) for aside in (0.0, half, -half))

@@ -1,4 +1,4 @@
-"""Episodes as videos from above (H.264 in MP4, as the paper's 144 examples are videos), encoded by PyAV."""
+"""Episodes as videos from above (H.264 in MP4, like the paper's 144 example videos), encoded by PyAV."""
 
 from collections.abc import Iterable, Iterator
 from fractions import Fraction

@@ -34,7 +34,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Exporter:
-    """An export format.
+    """A format of episodes that `vpsci export` writes.
 
     :ivar module: its function `write(episodes, folder, options) -> number of files` is called, with the episodes of
         one source in order and a folder that holds nothing but the run's parameters.

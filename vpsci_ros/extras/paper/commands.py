@@ -304,7 +304,7 @@ def score(
     answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
 ) -> None:
-    """Print recognition rates, Table 11 and Figure 10 beside the paper's values, and what stays open."""
+    """Print recognition rates, Table 11 and Figure 10 beside the paper's values, and the questions left open."""
     from vpsci_ros.extras.paper.turing.answers import read_answers
     from vpsci_ros.extras.paper.turing.page import PAGE, write_result
 

@@ -24,7 +24,7 @@ class FeedForwardLayer(EncoderLayer):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, x: Tensor, risks: Tensor) -> Tensor:
-        """See `EncoderLayer.forward`."""
+        """Return the layer's output, see `EncoderLayer.forward`."""
         out: Tensor = self.norm(x + self.bend(x))
         return out
 
@@ -39,7 +39,7 @@ class LSTMLayer(EncoderLayer):
         self.norm = nn.LayerNorm(self.width)
 
     def forward(self, x: Tensor, risks: Tensor) -> Tensor:
-        """See `EncoderLayer.forward`."""
+        """Return the layer's output, see `EncoderLayer.forward`."""
         h = c = x.new_zeros(len(x), self.width)
         states = []
         for step in range(x.shape[1]):
@@ -66,7 +66,7 @@ class TransformerLayer(EncoderLayer):
         self.norm, self.norm_bent = nn.LayerNorm(self.width), nn.LayerNorm(self.width)
 
     def forward(self, x: Tensor, risks: Tensor) -> Tensor:
-        """See `EncoderLayer.forward`."""
+        """Return the layer's output, see `EncoderLayer.forward`."""
         position = torch.arange(x.shape[1])
         age = position[:, None] - position[None, :]
         bias = self.age_bias[:, age.clamp(0, self.window - 1)]

@@ -42,7 +42,7 @@ TABLE_5 = {
 
 
 class PublishedModel(NamedTuple):
-    """A row of Table 9: the paper's name, errors [m] on its own data."""
+    """A row of Table 9: the model's name in the paper, and its errors [m] on the paper's data."""
 
     name: str
     ade: float

@@ -1,4 +1,4 @@
-"""Importers of what the paper's authors publish: their dataset (`vpsci`, simulated) and its recordings (`hdi`).
+"""Importers of the data that the paper's authors publish: simulated episodes (`vpsci`) and recordings (`hdi`).
 
 Source: github.com/Qpu523, VPSCI-Dataset (see `published_tables`) and HDI-Dataset. A file of HDI has a row a frame
 and road user: Frame Num, ID, Type, the box Xmin, Ymin, Xmax, Ymax, Speed (km/h) and more. Its readme says neither

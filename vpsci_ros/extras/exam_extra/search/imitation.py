@@ -37,7 +37,7 @@ class Recent:
         self._key: NDArray[np.int64] | None = None
 
     def features(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> tuple[Floats32, NDArray[np.int64]]:
-        """Return features float32[E, 43] of E episodes, and the index of each one's nearest pedestrian's record.
+        """Return features float32[E, 43] of E episodes, and the record index of the nearest pedestrian of each episode.
 
         :param curvttc: float64[B] [s].
         """

@@ -44,7 +44,7 @@ class Plan:
                 yield self._part(f"{number}_focus", len(part), learns=False)
 
     def rehearsed(self, margin: Floats) -> None:
-        """Store the margins with a new surrogate, float64[pool]; NaN where it did not drive the episode."""
+        """Store the pool's margins by a new surrogate, float64[pool]; NaN for episodes that it did not drive."""
         self.margin = margin
         self.fresh[:] = False
 

@@ -1,4 +1,4 @@
-"""The search: drive, train the surrogate, simulate with it, drive likely failures, and estimate their number."""
+"""The search: drive, train and simulate the surrogate, drive likely failures, and estimate their number."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class SearchConfig:
 
 
 class Driven(NamedTuple):
-    """The result of a part.
+    """The result of one part of a search.
 
     :ivar episodes: that were driven: those requested, or those of the same part before the search was stopped.
     :ivar failed: bool[k].

@@ -45,7 +45,7 @@ def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
 
 
 def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_middle: Floats) -> Floats:
-    """Return middle trajectories plus the residuals of the `NEAREST` most similar onsets of other clips.
+    """Return the `middle` trajectories plus the residuals of the `NEAREST` most similar onsets of other clips.
 
     A residual is the recording less its own middle trajectory: the vehicle's forward and left of its heading, the
     pedestrian's in the same frame. No residual comes from the own clip, nor of another source where the own one

@@ -1,4 +1,4 @@
-"""Protocol B: freely simulated critical episodes against recorded near misses, from the onset on.
+"""Protocol B: comparison of freely simulated critical episodes with recorded near misses, from the onset on.
 
 Both become the same table, at steps of 0.1 s, and go through the same lines. Episodes that the dataset's filters
 rejected belong to it, too: generate it with `dataset.keep_rejected=true`.

@@ -23,7 +23,7 @@ _HALF_SECOND = 5  # steps
 
 
 def long_run(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int) -> dict[str, Any]:
-    """Return, for each side, shares and quantiles with 95% intervals, [value, low, high] by name.
+    """Return shares and quantiles of recorded and of generated episodes, as [value, low, high] of a 95% interval.
 
     Intervals resample `units_of` the recorded side; of the generated side scenarios are few, so its interactions.
 

@@ -53,7 +53,7 @@ def fitted(steps: int, back: int, ahead: int, *, slope: bool = False) -> Floats:
 
 
 def smoothed(path: Floats) -> Floats:
-    """Return positions [..., T, 2], each on a line fitted to 0.9 s around it; at the ends on the first or last one."""
+    """Return positions [..., T, 2], each on a line fitted to 0.9 s around it; at the ends on the first or last line."""
     result: Floats = np.einsum("st,...tc->...sc", fitted(path.shape[-2], 4, 4), path)
     return result
 
@@ -65,7 +65,7 @@ def rotation(angle: Floats) -> Floats:
 
 
 def with_onset(positions: Floats, start: Floats) -> Floats:
-    """Return positions [n, ..., 2, T, 2] with the onset's before them, [n, ..., 2, T + 1, 2].
+    """Return positions [n, ..., 2, T, 2] with the positions at the onset in front, [n, ..., 2, T + 1, 2].
 
     :param start: float64[n, 9], rows as in `Interactions.motion`.
     """

@@ -81,7 +81,7 @@ def _once(real: Floats, made: Floats, units: Labels, seed: int) -> Floats:
 
 
 def family(features: Mapping[str, Floats], name: str) -> dict[str, Floats]:
-    """Return the features of one of `FAMILIES`, and those of the start."""
+    """Return the features of one of `FAMILIES` and the features of the start."""
     return {key: value for key, value in features.items() if name == "all" or key.startswith((f"{name}_", "start_"))}
 
 

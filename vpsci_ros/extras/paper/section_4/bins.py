@@ -13,7 +13,7 @@ LEAST_IN_BIN = 10  # interactions; a share of fewer says nothing
 
 
 class Question(NamedTuple):
-    """A question: the share of `flag` in bins (conditions on `comparison.SCHEMA`), and the paper's answer."""
+    """A question about the share of `flag` in bins (conditions on `comparison.SCHEMA`), and the paper's answer."""
 
     name: str
     flag: str

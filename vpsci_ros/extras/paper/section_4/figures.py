@@ -1,4 +1,4 @@
-"""Pictures of a report: least CurvTTC (Figure 8), conflicts by speed (11), yielding (9, 12, 13)."""
+"""Pictures of a report: least CurvTTC (Figure 8), conflicts by speed (Figure 11), yielding (Figures 9, 12, 13)."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -37,7 +37,7 @@ class Axis(NamedTuple):
 
     @property
     def edges(self) -> Floats:
-        """Bounds of the bins."""
+        """The bounds of the axis's bins."""
         return np.arange(self.first, self.last + 0.5 * self.width, self.width)
 
 

@@ -110,7 +110,7 @@ def write_report(
 
 
 def critical_shares(near_misses: Path) -> dict[str, dict[str, int]]:
-    """Return by source the numbers of imported and of critical pairs, if the table has them."""
+    """Return the numbers of imported and of critical pairs by source, if the table has these numbers."""
     sources = read_metadata(near_misses_path(near_misses)).get("sources", {})
     names = "pairs", "near_misses"
     return {

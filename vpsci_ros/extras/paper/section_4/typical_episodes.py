@@ -1,4 +1,4 @@
-"""The episodes of a picture: one of each scenario, typical in how near it came and in who gave way."""
+"""The episodes of a picture: one of each scenario, with a typical least CurvTTC and a typical yielding agent."""
 
 import itertools
 from collections.abc import Sequence

@@ -65,7 +65,7 @@ def cross_validate(
     refinement: Refinement | None = None,
     report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
-    """Train once in each fold and measure on its held-out clips; write and return `cross_validation.json`.
+    """Train once in each fold, measure on the fold's held-out clips, and write and return `cross_validation.json`.
 
     The layout is that of `errors.evaluate`, with the model `pretrained` and, if there is a refinement, `refined`: their
     errors are those of all interactions, each by the fold's policies that have not learned from its clip. `folds` adds

@@ -1,4 +1,4 @@
-"""Table 9 on given near misses: all its models, with and without hybrid learning, beside naive controls.
+"""Table 9 on given near misses: all of the table's models, with and without hybrid learning, and naive controls.
 
 Data-driven: learned from recorded near misses. Hybrid (`..._refined`): gone on from there with simulation, models by
 reinforcement as `vpsci refine` trains them, the others on simulated interactions among the recorded ones.

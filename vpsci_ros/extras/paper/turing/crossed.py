@@ -85,7 +85,7 @@ def p_value(mean: Mean, against: float = 0.0) -> float:
 
 
 def tost(mean: Mean, margin: float) -> float:
-    """Return the p-value of equivalence within +-margin: the larger of the two one-sided ones (34).
+    """Return the p-value of equivalence within +-margin: the larger of the two one-sided p-values (34).
 
     See Schuirmann, "A comparison of the two one-sided tests procedure and the power approach" (Journal of
     Pharmacokinetics and Biopharmaceutics 15, 1987).
