@@ -22,14 +22,17 @@ class InwardClamp(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, out: Tensor, limit: float) -> Tensor:
-        """Return `out` clamped."""
+        """Return the clamped output of the network."""
         ctx.save_for_backward(out)
         ctx.limit = limit
         return out.clamp(-limit, limit)
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
-        """Return the gradient; descent moves an output against it, so inward where both have the same sign."""
+        """Return the gradient, without its part that would move a clamped output further outward.
+
+        Descent moves an output against its gradient: inward where both have the same sign.
+        """
         (out,) = ctx.saved_tensors
         return gradient * ((out.abs() <= ctx.limit) | (gradient * out > 0)), None
 

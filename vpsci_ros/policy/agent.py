@@ -1,4 +1,4 @@
-"""The policy of one agent, from a world state to an action; used in process and by its node.
+"""The policy of one agent, from a world state to an action, used by the loop in one process and by a node.
 
 A policy is a bank of recorded people (`vpsci_ros.policy.bank`), or the networks of a weights file.
 """

@@ -66,7 +66,7 @@ class Reactions(NamedTuple):
 
 @dataclass(frozen=True)
 class Bank:
-    """Reactions by source, the first one the default; `facts` describes the training data."""
+    """Reactions by source, of which the first is the default; `facts` describes the bank's recordings."""
 
     reactions: Mapping[str, Reactions]
     facts: Mapping[str, Any] = field(default_factory=dict)

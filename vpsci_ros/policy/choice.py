@@ -234,7 +234,7 @@ def _act(situation, key, reset, actor, reactions, chosen, room, out):  # type: i
 
 @kernel
 def act(situations, keys, reset, active, actor, reactions, slots, room, out):  # type: ignore[no-untyped-def]
-    """Write an agent's action at this step in each slot to float64[B, 2]; inactive rows do not change.
+    """Write the actions of an agent at this step to float64[B, 2], a row for each slot; inactive rows do not change.
 
     :param situations: float64[B, 7], see `bank.situations_of`; keys: uint64[B, 5], see `draws.keys`.
     :param reset: bool[B], the agent is handed over with this step; active: bool[B].

@@ -60,7 +60,7 @@ PARTS: dict[str, Callable[[], None]] = {
 
 
 def compile_kernels() -> None:
-    """Compile the kernels of world, monitor and policies with a message, unless the cache has them.
+    """Compile the kernels of world, monitor and policies that the cache lacks, and print a message before.
 
     A part that fails is said with its reason; whoever needs its kernels compiles them, or fails in its own words.
     """

@@ -1,4 +1,4 @@
-"""Parameters of policies: the shape of their networks, and how they explore.
+"""Parameters of policies: the shape of their networks, and their exploration.
 
 Where the paper's Table 8 gives a value, it is the default.
 """
@@ -16,7 +16,7 @@ LEARNED = "learned"  # the agent that acts by weights
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Shape of the actors and critics (Table 8)."""
+    """The shape of the actors and critics (Table 8)."""
 
     encoder: str = parameter(
         SST,
@@ -49,7 +49,7 @@ class NoiseConfig:
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """One agent's policy."""
+    """The policy of one agent: its weights or bank, and its exploration."""
 
     agent: str = parameter(LEARNED, "learned: acts by the weights; or the name of an added agent (docs/extending.md)")
     weights: str = parameter(

@@ -32,7 +32,7 @@ class Histories:
     def take(
         self, state: NDArray[np.void], on_frame: NDArray[np.bool_], acts: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Process a tick; return where histories begin, and where they have a step, bool[B] each.
+        """Process a tick; return the slots in which a history begins, and those in which it has a step, bool[B] each.
 
         :param state: EPISODE[B]; on_frame: bool[B], where policies may act; acts: bool[B], where they do.
         """

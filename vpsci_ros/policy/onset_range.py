@@ -58,7 +58,7 @@ def range_of(onsets: Floats) -> Floats:
 
 
 def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
-    """Return indices into `RANGES` for onsets, float64[n, 4], uint8[n]; outside one quantity's range is "beyond".
+    """Return indices into `RANGES`, uint8[n], for onsets, float64[n, 4]; "beyond" if one quantity is out of range.
 
     :param reaches: the range of each agent that acts by a bank; none: "".
     """
@@ -69,7 +69,7 @@ def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
 
 
 def range_of_episode(episode: Episode, reach: Floats | None) -> str:
-    """Return one of `RANGES` for an episode: the ranges of its pedestrians at their onsets."""
+    """Return one of `RANGES` for an episode: "beyond" if one of its pedestrians was beyond the range at its onset."""
     critical = episode.known_curvttc < CRITICAL_TTC
     who = np.flatnonzero(critical.any(axis=1))
     if reach is None or not who.size:
@@ -82,7 +82,7 @@ def range_of_episode(episode: Episode, reach: Floats | None) -> str:
 
 
 def beyond(onsets: Floats, reach: Floats) -> NDArray[np.bool_]:
-    """Return which onsets, float64[n, 4], lie beyond a range, float64[4, len(LEVELS)]; bool[n]."""
+    """Return, as bool[n], which onsets, float64[n, 4], lie beyond a range, float64[4, len(LEVELS)]."""
     with np.errstate(invalid="ignore"):
         outside = (onsets < reach[:, 0]) | (onsets > reach[:, -1])
     return np.asarray(outside.any(axis=1), np.bool_)

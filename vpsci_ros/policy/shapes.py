@@ -1,4 +1,4 @@
-"""Names and shapes of the tensors of a configuration; those of the SST without torch."""
+"""Names and shapes of the tensors of a network configuration; for the SST, torch is not needed."""
 
 import importlib
 import itertools

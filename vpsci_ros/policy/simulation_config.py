@@ -32,7 +32,7 @@ class SimulationConfig:
     policies: Mapping[str, PolicyConfig] = field(default_factory=dict)
 
     def make_world(self, episodes: Sequence[tuple[int, int]] | None = None) -> World:
-        """Return a world with these episodes in its queue, all of them unless some are given."""
+        """Return a world with the given episodes in its queue; without any given, with all episodes."""
         queue = self.episodes if episodes is None else episodes
         return World(self.world, self.scenarios, queue, min(self.batch, len(queue)), self.seed)
 

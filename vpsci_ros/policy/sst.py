@@ -39,7 +39,7 @@ ABSENT = -1e9  # logit of a step before the history began
 
 
 class EncoderLayer(nn.Module):
-    """A layer of an encoder over whole histories; another network's layer derives from it (docs/extending.md)."""
+    """Base class of an encoder's layers over whole histories, also for added networks (docs/extending.md)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -80,12 +80,12 @@ class SSTLayer(EncoderLayer):
         return torch.sigmoid(self.decay_logit)
 
     def forward(self, x: Tensor, risks: Tensor) -> Tensor:
-        """See `EncoderLayer.forward`."""
+        """Return the layer's output at all steps, see `EncoderLayer.forward`."""
         h = self._states(x)
         return self._output(x, h, h, risks, torch.arange(x.shape[1])[None])
 
     def at(self, x: Tensor, risks: Tensor, step: Tensor) -> Tensor:
-        """See `EncoderLayer.at`; for earlier steps only states and keys are computed."""
+        """Return the layer's output at one step, see `EncoderLayer.at`; earlier steps only give states and keys."""
         h = self._states(x)
         return self._output(entry(x, step), entry(h, step), h, risks, step[:, None])
 
@@ -138,7 +138,7 @@ class SSTEncoder(nn.Module):
         self.layers = nn.ModuleList(layer(config) for _ in range(config.layers))
 
     def embed(self, observation: Tensor, action_before: Tensor, risks: Tensor) -> Tensor:
-        """Return x_t, float32[..., hidden].
+        """Return the embedded inputs x_t, float32[..., hidden].
 
         :param observation: [..., 6]; action_before: [..., 2] [m/s2]; risks: [...], `risk` of CurvTTC.
         """
@@ -149,7 +149,7 @@ class SSTEncoder(nn.Module):
     def forward(
         self, observation: Tensor, action_before: Tensor, curvttc: Tensor, step: Tensor | None = None
     ) -> Tensor:
-        """Encode whole histories.
+        """Return the encoding of whole histories, at every step or at `step`.
 
         :param observation: float32[B, T, 6], equation (6) or (7).
         :param action_before: float32[B, T, 2], the agent's executed action of step t - 1 [m/s2]; zero at t = 0.

@@ -23,7 +23,7 @@ def actor_at_work(weights: Weights, capacity: int) -> Union[StreamingActor, "Ste
 
 
 class SteppedActor:
-    """The actor of one agent; see `StreamingActor`, whose methods these are.
+    """The actor of one agent, with the methods of `StreamingActor`.
 
     :param weights: `Weights.actor("vehicle")` or `Weights.actor("pedestrian")`.
     :param capacity: number of slots, B.
@@ -39,7 +39,7 @@ class SteppedActor:
         self.load(weights)
 
     def load(self, weights: Weights) -> None:
-        """See `StreamingActor.load`."""
+        """Use other weights of the same shape, see `StreamingActor.load`."""
         import torch
 
         self._actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in weights.tensors.items()})
@@ -51,7 +51,7 @@ class SteppedActor:
         reset: NDArray[np.bool_],
         active: NDArray[np.bool_],
     ) -> NDArray[np.float32]:
-        """See `StreamingActor.step`."""
+        """Return the actions of a step, see `StreamingActor.step`."""
         import torch
 
         actions, rows = np.zeros((self.capacity, ACTION_SIZE), np.float32), np.flatnonzero(active)
@@ -71,5 +71,5 @@ class SteppedActor:
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
-        """See `StreamingActor.executed`."""
+        """Append the executed actions, see `StreamingActor.executed`."""
         self._before[active] = np.asarray(action, np.float32)[active]

@@ -116,7 +116,7 @@ def load_weights(path: str | Path) -> Weights:
 
 
 def resolved(*configs: Any) -> dict[str, dict[str, Any]]:
-    """Return configuration objects as plain values for `Weights.configuration`."""
+    """Return the values of configuration objects as JSON values for `Weights.configuration`."""
     return {type(c).__name__: values_of(c) for c in configs}
 
 

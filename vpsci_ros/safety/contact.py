@@ -58,7 +58,7 @@ def first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, rad
 def first_contact_accelerating(  # type: ignore[no-untyped-def]
     qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, horizon
 ):
-    """`first_contact` with the vehicle at constant acceleration [m/s2] along the arc; once stopped, it stands."""
+    """`first_contact` with the vehicle at constant acceleration [m/s2] along the arc until it has stopped."""
     if acceleration == 0.0 or (speed == 0.0 and acceleration < 0.0):
         return first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, radius, horizon)
     stop = -speed / acceleration if acceleration < 0.0 else math.inf
@@ -97,7 +97,7 @@ def first_contact_accelerating(  # type: ignore[no-untyped-def]
 
 @kernel
 def advance(qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, begin, end, bound):  # type: ignore[no-untyped-def]
-    """First contact [s] within [begin, end], infinity when there is none; `bound` [m/s2] is A of the module's text."""
+    """First contact [s] within [begin, end], infinity when there is none; `bound` [m/s2] is A (module's docstring)."""
     t, count = begin, 0.0
     while True:
         # the pedestrian in the vehicle's frame at time t; the vehicle has moved along a chord and turned

@@ -1,4 +1,4 @@
-"""CurvTTC: the least time to contact of a vehicle on a circular arc and a pedestrian on a line; docs/curvttc.md.
+"""CurvTTC: the least time to contact of a vehicle on an arc and a pedestrian on a line, see docs/curvttc.md.
 
 `curvttc` is for batches and checks what it gets. `curvttc_pair` is the same number for one pair, unchecked, for other
 numba code. Numba does not see changes in functions called from another file: clear the callers' caches

@@ -86,7 +86,7 @@ def refuse(
 
 
 def place(bad: NDArray[np.bool_]) -> str:
-    """Return the index of the first True as "[i]" or "[i, j]", nothing for a scalar."""
+    """Return the index of the first True as "[i]" or "[i, j]", "" for a scalar."""
     if bad.ndim == 0:
         return ""
     index = np.unravel_index(int(np.argmax(bad)), bad.shape)

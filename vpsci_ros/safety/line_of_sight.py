@@ -69,7 +69,7 @@ def _shares(eye_x, eye_y, ped_x, ped_y, radius, boxes, shadows, out):  # type: i
 
 @kernel
 def visible_pair(eye_x, eye_y, x, y, radius, boxes, count, shadows):  # type: ignore[no-untyped-def]
-    """`visible_share` of one pair and the first `count` boxes, for other numba code; `shadows` float64[3 K, 2]."""
+    """`visible_share` of one pair and the first `count` boxes, for other numba code; `shadows` is working memory."""
     dx, dy = x - eye_x, y - eye_y
     distance = math.sqrt(dx * dx + dy * dy)
     if distance <= radius:

@@ -56,7 +56,7 @@ def walker_speed(episode, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def onset_time(onset):  # type: ignore[no-untyped-def]
-    """Return when, after the spawn [s], a row of `people.RIGHT_TURNS` begins to be critical."""
+    """Return the time after the spawn [s] at which a row of `people.RIGHT_TURNS` becomes critical."""
     return STEP * onset[BEFORE]
 
 
@@ -72,7 +72,7 @@ def _recorded(onset, column, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def drive_then(onset, time):  # type: ignore[no-untyped-def]
-    """Return the recorded car's speed [m/s] and curvature [1/m], `time` [s] after the spawn."""
+    """Return the speed [m/s] and curvature [1/m] of the recorded car, `time` [s] after the spawn."""
     return _recorded(onset, CAR, time), _recorded(onset, CURVATURE, time)
 
 

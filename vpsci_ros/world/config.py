@@ -14,7 +14,7 @@ PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_vel
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """Configuration of `vpsci_ros.world.World`, with differences from section 3.2 of the paper."""
+    """The configuration of `vpsci_ros.world.World`; some defaults differ from section 3.2 of the paper."""
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(

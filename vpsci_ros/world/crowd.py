@@ -142,7 +142,7 @@ def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
 
 @kernel
 def crowded(state, first, row):  # type: ignore[no-untyped-def]
-    """Whether the pedestrian of this row of EPISODE[B] spawns on another one of its episode or on the car."""
+    """Whether the pedestrian of this row of EPISODE[B] spawns on the car or on another pedestrian of its episode."""
     car, walker = state[first], state[row]
     x, y = walker.pedestrian_x, walker.pedestrian_y
     place = car.vehicle_x, car.vehicle_y, car.vehicle_heading
@@ -197,7 +197,7 @@ def share_action(state, first, count, answers):  # type: ignore[no-untyped-def]
 
 
 def leading_rows(state: NDArray[np.void], acting: NDArray[np.bool_], curvttc: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return for each row of EPISODE[B] the one that leads in its episode, int64[B], by the rule of `share_action`.
+    """Return, for each row of EPISODE[B], its episode's leading row by the rule of `share_action`, int64[B].
 
     :param acting: bool[B]; where no row of an episode acts, each of its rows leads itself.
     :param curvttc: float64[B] [s].

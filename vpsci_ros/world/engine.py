@@ -193,7 +193,7 @@ def move_several(state, answers, tables, recordings, settings, pushes, events): 
 
 @kernel
 def arrive(state, tables, settings, events):  # type: ignore[no-untyped-def]
-    """Locate all agents of EPISODE[B], of one pedestrian each, at places that another engine set, as `move` does."""
+    """Locate all agents of EPISODE[B] on their paths as `move` does, after another engine has set their positions."""
     events[:] = 0
     for i in range(state.size):
         if state[i].status == RUNNING:

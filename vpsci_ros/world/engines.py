@@ -23,7 +23,7 @@ def require_own(engine: str, what: str) -> None:
 
 @dataclass(frozen=True)
 class Engine:
-    """Another engine.
+    """An engine of another distribution, which moves the agents in place of this package's kinematics.
 
     :ivar connect: of what stands after "://" in `engine`, and of the period of a tick [s]: the server that moves the
         agents, with a method `close`.

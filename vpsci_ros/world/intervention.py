@@ -30,7 +30,7 @@ _HEAD = 7  # numbers of an intervention before its accelerations
 
 
 class Intervention(NamedTuple):
-    """One episode's change.
+    """The change of the commands in one episode.
 
     :ivar frame: frame of the episode.
     :ivar speed: added to the car's speed at the frame [m/s]; it does not fall below 0.
@@ -47,7 +47,7 @@ class Intervention(NamedTuple):
 
 
 def as_parameter(interventions: dict[tuple[int, int], Intervention]) -> list[float]:
-    """Return interventions by (scenario, episode number) as the parameter's list."""
+    """Return interventions by (scenario, episode number) as the list of the parameter `interventions`."""
     return [
         float(number)
         for key, each in interventions.items()

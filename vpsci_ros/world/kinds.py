@@ -75,7 +75,7 @@ def draw_kind(episode, seed, limits):  # type: ignore[no-untyped-def]
 
 @kernel
 def speed_of_kind(episode, seed, adults):  # type: ignore[no-untyped-def]
-    """Return the walking speed [m/s] of a record's pedestrian; `adults` is an adult's."""
+    """Return the walking speed [m/s] of a record's pedestrian; `adults` is the speed of an adult."""
     if episode.kind == ADULT:
         return adults
     drawn = draw(episode, seed, STREAM_KIND, 1)

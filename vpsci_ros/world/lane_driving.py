@@ -63,5 +63,5 @@ def pursuit_curvature(points, row, count, step, s, aside, x, y, heading, speed):
 
 @kernel
 def speed_acceleration(speed: float, wanted: float) -> float:
-    """Acceleration [m/s2] along the heading from `speed` to the `wanted` one [m/s], within comfort."""
+    """Comfortable acceleration [m/s2] along the heading from `speed` to the `wanted` speed [m/s]."""
     return min(COMFORT_ACCELERATION, max(-COMFORT_DECELERATION, (wanted - speed) / SPEED_TIME))

@@ -204,7 +204,7 @@ class LockStep:
         return self._step
 
     def pace(self, paced: bool) -> None:
-        """Advance only at each `beat`, or as soon as possible."""
+        """Choose whether the world advances only at each `beat`, or as soon as possible."""
         self._paced, self._due = paced, True
 
     def beat(self) -> None:

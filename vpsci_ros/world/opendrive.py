@@ -44,7 +44,7 @@ class _Elements(ET.TreeBuilder):
 
 
 class OpenDriveMap:
-    """An OpenDRIVE file.
+    """The roads, lanes and objects of an OpenDRIVE file.
 
     :raises InvalidInput: unreadable XML, too large, or not an OpenDRIVE file.
     """

@@ -88,7 +88,7 @@ def car_speed(speed: float, acceleration: float, phase: float, time: float) -> f
 
 @kernel
 def walking_pace(speed: float, acceleration: float, phase: float, time: float, moving: float, set_off: float) -> float:
-    """Return the speed [m/s] of a walker who has been `moving` for so long [s] since waiting at the kerb.
+    """Return the speed [m/s] of a walker, `moving` [s] after it set off from the kerb.
 
     :param set_off: acceleration [m/s2] from there.
     """
@@ -106,5 +106,5 @@ def sway(sine: float, cosine: float, wave: float, s: float) -> float:
 
 @kernel
 def limited(wanted: float, before: float, period: float) -> float:
-    """Return an acceleration [m/s2] near the wanted one that is reached from the one `before` within `JERK`."""
+    """Return the acceleration [m/s2] nearest to the wanted one that the limit `JERK` allows after the one `before`."""
     return min(before + JERK * period, max(before - JERK * period, wanted))

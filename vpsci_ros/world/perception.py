@@ -55,7 +55,7 @@ _TRACKER = np.dtype(
 
 @dataclass(frozen=True)
 class PerceptionConfig:
-    """View of the sensor and errors of the tracker; none by default."""
+    """The view of the sensor and the errors of the tracker; by default there are no errors."""
 
     seed: int = constant(1, "seed of the errors", low=0, high=2**63 - 1)
     field_of_view: float = parameter(
@@ -107,7 +107,7 @@ class _Settings(NamedTuple):
 
 
 def blank(rows: int, config: PerceptionConfig, period: float) -> PerceptionState:
-    """Return the memory before the first frame of `rows` rows, at ticks of `period` seconds."""
+    """Return the initial memory of perception for `rows` rows, at ticks of `period` seconds."""
     trackers = np.zeros(rows, _TRACKER)
     trackers["frame"] = -2
     return PerceptionState(trackers, np.zeros((config.delay(period), rows), OBJECT))

@@ -54,7 +54,7 @@ class ExternalDriver:
 
     @property
     def answered(self) -> bool:
-        """Whether the world need not wait: after a tick without a command it waits only for a publisher of commands."""
+        """Whether the world need not wait; after a tick without a command it waits only for a present publisher."""
         return self.real_time or self._fresh or (self._given_up and not self.present())
 
     def begin(self, tick: Tick, *, running: bool = True) -> None:

@@ -36,7 +36,7 @@ class Tick(NamedTuple):
     by_policies: bool = True  # policies drive an agent, or both
 
     def assessed(self, curvttc: ArrayLike, distance: ArrayLike, critical: ArrayLike) -> Assessment:
-        """Return the monitor's answer to this tick as a value.
+        """Return the assessment of this tick, made from the monitor's answer.
 
         :param curvttc: float[B] [s]; distance: float[B] [m]; critical: bool[B] or uint8[B].
         :raises InvalidInput: another shape, or a CurvTTC that is not a number.
@@ -92,7 +92,7 @@ class Actions:
                 object.__setattr__(self, name, _finite(name, values, columns))
 
     def of(self, agent: str) -> Floats | None:
-        """Return the accelerations of "vehicle" or "pedestrian", see above."""
+        """Return the accelerations of "vehicle" or "pedestrian", see `Actions`."""
         return self.vehicle if agent == "vehicle" else self.pedestrian
 
 

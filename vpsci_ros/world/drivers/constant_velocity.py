@@ -6,7 +6,7 @@ from vpsci_ros.world.drivers import walker
 
 @inlined
 def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2]: none but for the tick in which it sets off."""
+    """Return the acceleration (ax, ay) [m/s2]: 0 except in the tick in which the pedestrian sets off."""
     if walker.waits(episode, settings) or episode.pedestrian_vx != 0.0 or episode.pedestrian_vy != 0.0:
         return 0.0, 0.0
     wanted_x, wanted_y = walker.wanted(episode, episode.walking_speed, tables, settings)

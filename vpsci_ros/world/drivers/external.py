@@ -1,4 +1,4 @@
-"""The external drivers: an agent moves by the commands that come from outside, vehicle or pedestrian."""
+"""The external drivers: vehicle or pedestrian moves by commands from outside the world."""
 
 from vpsci_ros.world import kinematics
 from vpsci_ros.world.compiled import inlined
@@ -21,6 +21,6 @@ def vehicle(episode, along, left, keeping, settings):  # type: ignore[no-untyped
 
 @inlined
 def pedestrian(episode, along, left):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] for one in the vehicle's heading frame."""
+    """Return the acceleration (ax, ay) [m/s2] for a commanded acceleration in the vehicle's heading frame."""
     ax, ay = from_heading_frame(episode.vehicle_heading, along, left)
     return GAIN * ax, GAIN * ay

@@ -1,4 +1,4 @@
-"""The replay drivers: an agent is where its recording has it, and goes on straight beyond it."""
+"""The replay drivers: an agent follows its recorded positions, and goes straight on after the last one."""
 
 import math
 

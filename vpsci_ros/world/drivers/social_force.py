@@ -74,7 +74,7 @@ def keep_apart(state, first, count, pushes):  # type: ignore[no-untyped-def]
 
 @kernel
 def repulsion(dx, dy, vx, vy):  # type: ignore[no-untyped-def]
-    """Acceleration (ax, ay) [m/s2] of a pedestrian at (dx, dy) [m] of another one, with (vx, vy) [m/s] relative to it.
+    """Acceleration (ax, ay) [m/s2] of a pedestrian at (dx, dy) [m] and (vx, vy) [m/s] relative to another one.
 
     It is the repulsion at the nearest point within the next `FORESIGHT`, so that pedestrians who meet step aside.
     Bodies that touch are pressed apart.

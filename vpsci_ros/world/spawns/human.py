@@ -1,4 +1,4 @@
-"""The spawn `human`: one or two seconds before the drawn agents come on a collision course.
+"""The spawn `human`: both agents begin one or two seconds before a drawn onset of a conflict.
 
 Both are on their way already; a few walkers wait at the kerb and set off in time. What they are like at the onset is
 drawn from recorded onsets (`people`), how near they come to each other uniformly from all the courses that collide, and

@@ -15,7 +15,7 @@ from vpsci_ros.world.paths import line_at, point_at
 
 @kernel
 def begin(episode, row, tables, seed, _period):  # type: ignore[no-untyped-def]
-    """Draw vehicle and pedestrian and place both at the spawn; return 0, since `join` does not use the time."""
+    """Draw vehicle and pedestrian and place both at the spawn; return 0, an unused time."""
     _place_vehicle(episode, row, tables, seed)
     _place_walker(episode, row, tables, seed)
     return 0.0
