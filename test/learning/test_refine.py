@@ -114,17 +114,24 @@ def test_values_of_stage_1_mean_the_same_return_in_stage_2(networks, near_misses
     assert mean_value(learner) == pytest.approx(0.25 * factor * unconverted, rel=1e-4)
 
 
-def test_what_is_kept_has_all_updates_with_errors_of_its_own(tmp_path, networks, near_misses):
-    config = changed(QUICK, {"refresh_every": 4, "updates.actor_learning_rate": 0.001})
+def test_what_is_kept_is_the_running_mean_of_the_actors_that_acted_with_errors_of_its_own(
+    tmp_path, networks, near_misses, monkeypatch
+):
+    """Memory of two refreshes: the mean of a, b, c and d is (a + b) / 8 + c / 4 + d / 2; d has the last update."""
+    monkeypatch.setattr("vpsci_ros.learning.refine.MEAN_REFRESHES", 2)
+    config = changed(QUICK, {"updates.actor_learning_rate": 0.001})
     refiner = Refiner(config, networks(gain=1.0).weights({}, {}), near_misses, seed=4, out_dir=tmp_path)
-    refiner.add(experience())
+    refiner.add(experience(histories=7))
+    acted, name = [], "vehicle_actor.head.4.weight"
     while refiner.due:
         refiner.update()
-    assert refiner.progress.updates == 6
-    acting, kept = refiner.current(), refiner.save()
-    name = "vehicle_actor.head.4.weight"
-    assert np.array_equal(kept.tensors[name], refiner.current().tensors[name])
-    assert np.abs(kept.tensors[name] - acting.tensors[name]).max() > 1e-4, "two updates came after the refresh"
+        if refiner.take_refresh():
+            acted.append(refiner.acting().tensors[name])
+    assert refiner.progress.updates == 7
+    kept = refiner.save()
+    a, b, c, d = *acted, refiner.acting().tensors[name]
+    np.testing.assert_allclose(kept.tensors[name], (a + b) / 8 + c / 4 + d / 2, rtol=1e-5)
+    assert min(np.abs(each - kept.tensors[name]).max() for each in (b, c, d)) > 1e-4
     assert load_weights(tmp_path / "refined.safetensors").digest() == kept.digest()
     held_out = pl.concat_str("source", "clip", separator="/").is_in(kept.facts["data"]["held_out_clips"])
     assert kept.facts["held_out"]["errors"] == HeldOut(near_misses.filter(held_out)).errors(kept)

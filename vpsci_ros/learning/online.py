@@ -38,7 +38,7 @@ def refine(
 
     Episodes run in portions of four batches; a checkpoint after each lets a stopped run go on to the same result. It
     ends early where the convergence test of section 4.1 is passed. After every third portion and the last one the
-    policies act in a validation world without exploration (`validation_...` in the log): `best` holds those with the
+    mean actors act in a validation world without exploration (`validation_...` in the log): `best` holds those with the
     highest share of both goals less twice that of collisions, `refined` the last ones.
 
     :param learner_seed: of sampling; None: the simulation's.
@@ -64,11 +64,11 @@ def refine(
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
         if done % (VALIDATE_EVERY * portion) == 0 or done == len(episodes) or refiner.finished:
-            rows[-1] |= (rates := _validation(simulation, refiner.current()))
+            rows[-1] |= (rates := _validation(simulation, refiner.averaged()))
             score = rates["validation_goal_rate"] - 2.0 * rates["validation_collision_rate"]
             if score > best:
                 best = score
-                save_weights(out_dir / BEST, refiner.current())
+                save_weights(out_dir / BEST, refiner.averaged())
         extra = {"done": done, "rows": rows, "simulation": identity, "best": best}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         write_log(out_dir / LOG, rows)
@@ -97,7 +97,7 @@ def _simulate(
     outcomes: Outcomes,
 ) -> None:
     world = simulation.make_world(episodes)
-    agents = policies(refiner.current(), world, simulation.policies)
+    agents = policies(refiner.acting(), world, simulation.policies)
     for step in Loop(world, agents):
         outcomes.note(step.events)
         transitions, histories = builder.observe(step)
@@ -106,4 +106,4 @@ def _simulate(
             refiner.update()
         if refiner.take_refresh():
             for agent in agents.values():
-                agent.load(refiner.current(), refiner.progress.version)
+                agent.load(refiner.acting(), refiner.progress.version)

@@ -3,12 +3,14 @@
 The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
 (25)-(28), see `rewards`. What the actors follow is `objective`, see `objectives`.
 
-After every `refresh_every` updates the policies act by what is learned, and its held-out error is measured.
+After every `refresh_every` updates the policies act by what is learned. What is kept is the running mean of the actors
+that acted: single ones swing between collisions and hesitation from refresh to refresh, their mean does not (Polyak and
+Juditsky 1992, Acceleration of Stochastic Approximation by Averaging). It does not change the training.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,7 @@ CAPACITY = 10_000  # steps at which the policies acted that the replay buffer ho
 PRIORITY_EXPONENT, REAL_BONUS = 0.6, 0.2  # alpha and beta of the sampling probabilities (17)
 REAL_SHARE = 0.3  # of the buffer that real experience keeps
 GRADIENT_TOLERANCE, CALM_EPISODES = 1e-4, 100  # converged where the norm stays below for so long (section 4.1)
+MEAN_REFRESHES = 10  # memory of the running mean of the actors
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
 
 
@@ -63,7 +66,7 @@ class Progress:
     :ivar norm: of the last policy gradient; it has been below the tolerance for `calm` episodes, the last of which had
         seen `tested` updates.
     :ivar drawn, drawn_real: steps in all batches, and those of real experience.
-    :ivar errors: held-out errors of the weights that act.
+    :ivar errors: held-out errors of the mean actors.
     :ivar last: losses and norms of the last update, by name.
     :ivar returns: running mean of the reward (27) of an episode, by agent.
     :ivar episode_returns: that of every episode so far, and its number: the raw material of Figure 6.
@@ -132,6 +135,7 @@ class Refiner:
         training_of = Training(self._maddpg, self._rewards, interactions)
         self._objective = find_objective(config.objective).refine(training_of, config)
         self._acting = self._actors()
+        self._mean = self._acting
 
     def add(self, transitions: NDArray[np.void]) -> None:
         """Add transitions from `/replay`, TRANSITION[n], in the order of their numbers.
@@ -219,22 +223,25 @@ class Refiner:
         names = [f"{agent}_w_{part}" for agent in AGENTS for part in ("collision", "goal", "speed")]
         return dict(zip(names, self.reward_weights.values.ravel().tolist(), strict=True))
 
-    def current(self) -> Weights:
+    def acting(self) -> Weights:
         """Return the acting actors (of the last refresh) and the present critics."""
-        weights = self._described()
-        return Weights(weights.network, weights.tensors | self._acting, weights.configuration, weights.facts)
+        return self._described(self._acting)
+
+    def averaged(self) -> Weights:
+        """Return the running mean of the acting actors, and the present critics."""
+        return self._described(self._mean)
 
     @one_thread()
     def final(self) -> Weights:
-        """Return all present networks, measured again if there were updates after the last refresh.
+        """Return `averaged`, refreshed if there were updates after the last refresh.
 
         :raises VpsciError: what was learned is not finite.
         """
         if self.progress.updates % self._config.refresh_every:
             self._refresh()
-        return self._described()
+        return self.averaged()
 
-    def _described(self) -> Weights:
+    def _described(self, actors: dict[str, NDArray[np.float32]]) -> Weights:
         progress = self.progress
         require_finite(self._reward_weights_by_name(), f"after {progress.updates} updates")
         held_out = {"errors": progress.errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
@@ -244,11 +251,12 @@ class Refiner:
             "reward_weights": self.reward_weights.values.tolist(),
         }
         facts = self._facts | {"held_out": held_out, "learned": learned}
-        return self._networks.weights(self._start.configuration | resolved(self._config), facts)
+        present = self._networks.weights(self._start.configuration | resolved(self._config), facts)
+        return replace(present, tensors=present.tensors | actors)
 
     def weights(self) -> bytes:
         """Return the weights that act as the bytes of a safetensors file, for `/policy/weights`."""
-        return weights_to_bytes(self.current())
+        return weights_to_bytes(self.acting())
 
     def save(self) -> Weights:
         """Write `final` to `out_dir` as `refined.safetensors` and return it.
@@ -269,6 +277,7 @@ class Refiner:
             **self._identity(),
             "networks": dict(self._networks.state_dict()),
             "acting": dict(self._acting),
+            "mean": dict(self._mean),
             "optimisers": [optimiser.state_dict() for optimiser in self._optimisers()],
             "rng": self._rng.bit_generator.state,
             "histories": [dict(vars(history)) for history in self._buffer.histories],
@@ -286,7 +295,7 @@ class Refiner:
         state = load_checkpoint(path)
         require_same(path, state, self._identity())
         self._networks.load_state_dict(state["networks"])
-        self._acting = state["acting"]
+        self._acting, self._mean = state["acting"], state["mean"]
         for optimiser, saved in zip(self._optimisers(), state["optimisers"], strict=True):
             optimiser.load_state_dict(saved)
         self._rng.bit_generator.state = state["rng"]
@@ -321,13 +330,15 @@ class Refiner:
         progress.last = last | result.more
 
     def _refresh(self) -> None:
-        """Have the policies act by the actors as they are, and measure these."""
+        """Have the policies act by the actors as they are, and take these into the mean, which is measured."""
         progress = self.progress
         progress.refreshes += 1
         progress.version += 1
         progress.refreshed = True
-        progress.errors = self._held_out.errors(self._networks.weights({}, {}))
         self._acting = self._actors()
+        share = np.float32(1.0 / min(progress.refreshes, MEAN_REFRESHES))  # a plain mean until there are so many
+        self._mean = {name: mean + share * (self._acting[name] - mean) for name, mean in self._mean.items()}
+        progress.errors = self._held_out.errors(self.averaged())
 
     def _actors(self) -> dict[str, NDArray[np.float32]]:
         """Return the tensors of both actors, named as in a weights file."""

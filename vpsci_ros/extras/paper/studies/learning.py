@@ -148,7 +148,7 @@ def reward_weight_study(
         chosen = replace(config, rewards=replace(config.rewards, weights=list(values)))
         done = once(out_dir / name, identity | resolved(chosen), partial(row, name, chosen))
         rows.append({"weights": name} | done)
-    errors = Refiner(config, weights, near_misses, seed=learner_seed).current().facts["held_out"]
+    errors = Refiner(config, weights, near_misses, seed=learner_seed).averaged().facts["held_out"]
     for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
         done = once(out_dir / name, identity, partial(measured, model))
         rows.append({"weights": name} | done | errors[error])
