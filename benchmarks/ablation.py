@@ -24,6 +24,7 @@ from torch import Tensor
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
 from vpsci_ros.learning import maddpg
+from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.policy.actor import InwardClamp
@@ -78,7 +79,7 @@ ARMS = {
     **{f"updates_{n}": _learner(updates_per_episode=n, refresh_every=50 * n) for n in (1, 3, 6)},
     "one_critic": _updates(critics=1),
     "no_target_noise": _updates(target_noise=0.0),
-    **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.1, 0.3, 3.0)},
+    **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.3, 1.0, 10.0)},
     **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 25.0)},
     "lambda_1e-4": _rewards(weight_temperature=1e-4),
     "paper_spawn": Arm(settings=("world_simulator.spawn=paper",)),
@@ -86,6 +87,9 @@ ARMS = {
     "noise_0.3": Arm(settings=("vehicle_policy.noise.start=0.06", "pedestrian_policy.noise.start=0.06")),
     "undivided_by_value": Arm(patch=lambda: mock.patch.object(maddpg, "LEAST_VALUE", 1.0)),
     "plain_clamp": Arm(patch=_plain_clamp),
+    "actor_step_5e-5": _updates(actor_learning_rate=5e-5),
+    "buffer_10000": Arm(patch=lambda: mock.patch.object(stage_2, "CAPACITY", 10_000)),
+    "last_actors": Arm(patch=lambda: mock.patch.object(stage_2, "MEAN_REFRESHES", 1)),
     "gradient_at_all_steps": Arm(lambda config: replace(config, imitation=None)),  # type: ignore[arg-type]
 }
 

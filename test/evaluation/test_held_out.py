@@ -45,7 +45,7 @@ def test_what_stage_1_learns_does_not_depend_on_what_happened_in_the_held_out_cl
 @pytest.mark.parametrize("named", [True, False])
 def test_stage_2_learns_from_no_clip_that_is_held_out(networks, near_misses, named, monkeypatch):
     """Whether its weights name clips of the table that stage 1 held out, or stage 2 holds out clips of its own."""
-    monkeypatch.setattr("vpsci_ros.learning.refine.REAL_SHARE", 1.0)
+    monkeypatch.setattr("vpsci_ros.learning.refine.REAL_STEPS", 10_000)
     fraction, seed = (0.4, 11) if named else (RefineConfig().held_out_fraction, 4)
     clips = all_clips(split_by_clip(near_misses, fraction, seed)[1])
     weights = networks().weights({}, {"data": {"held_out_clips": sorted(clips)}} if named else {})

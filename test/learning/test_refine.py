@@ -28,7 +28,7 @@ QUICK = build(RefineConfig, {"replay.batch_size": 40, "refresh_every": 2, "updat
 
 @pytest.fixture(autouse=True)
 def little_real_experience(monkeypatch):
-    monkeypatch.setattr("vpsci_ros.learning.refine.REAL_SHARE", 0.01)
+    monkeypatch.setattr("vpsci_ros.learning.refine.REAL_STEPS", 100)
 
 
 def changed(config, values):

@@ -147,14 +147,14 @@ class RefineConfig:
         high=64,
     )
     imitation: float = parameter(
-        1.0,
+        3.0,
         "weight of the squared action error at recorded steps, relative to the policy gradient at simulated steps",
         unit="(m/s2)^-2",
         low=0.0,
         high=100.0,
     )
     replay: ReplayConfig = ReplayConfig()
-    updates: UpdatesConfig = UpdatesConfig(actor_learning_rate=5e-5, critics=2, target_noise=0.5)
+    updates: UpdatesConfig = UpdatesConfig(critics=2, target_noise=0.5)
     rewards: RewardsConfig = RewardsConfig()
 
 

@@ -37,9 +37,9 @@ from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
-CAPACITY = 10_000  # steps at which the policies acted that the replay buffer holds (Table 8)
+CAPACITY = 40_000  # steps of the replay buffer: some 600 episodes; Table 8 has 10,000 "experiences" of unknown size
 PRIORITY_EXPONENT, REAL_BONUS = 0.6, 0.2  # alpha and beta of the sampling probabilities (17)
-REAL_SHARE = 0.3  # of the buffer that real experience keeps
+REAL_STEPS = 3_000  # of the buffer that real experience keeps
 GRADIENT_TOLERANCE, CALM_EPISODES = 1e-4, 100  # converged where the norm stays below for so long (section 4.1)
 MEAN_REFRESHES = 10  # memory of the running mean of the actors
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
@@ -120,7 +120,7 @@ class Refiner:
         self._maddpg = Maddpg(self._networks, config.updates, config.imitation)
         interactions = from_table(training)
         real = recorded_histories(interactions)
-        kept = up_to_capacity(real, max(1, int(REAL_SHARE * CAPACITY)), self._rng)
+        kept = up_to_capacity(real, REAL_STEPS, self._rng)
         self._buffer = ReplayBuffer(CAPACITY, [real[i] for i in kept], PRIORITY_EXPONENT, REAL_BONUS)
         self.assembler = HistoryAssembler()
         self._rewards = SimulatedRewards(config.rewards, self._networks)
