@@ -1,14 +1,19 @@
 """What layout.yaml can describe: no header, boxes, lost rows, metres by file, both in one row, and a source's name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pyarrow.parquet as pq
 import pytest
 from polars.testing import assert_frame_equal
 
 from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, named
-from vpsci_ros.data.importers.described import LOST
+from vpsci_ros.data.importers.described import LOST, described
+from vpsci_ros.data.importers.pairs import near_misses_of
+from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
+from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
 
 PLAIN = {
@@ -194,6 +199,25 @@ def test_a_layout_names_its_source_and_the_option_overrides_it(tmp_path: Path) -
     assert [summary.source for summary in both.summaries] == ["my_corner", "elsewhere"]
     with pytest.raises(InvalidInput, match="layout.yaml: source: 'my/corner': expected letters, digits, _ and -"):
         imported(tmp_path / "c", rows(), source="my/corner")
+
+
+def test_the_size_of_a_layout_is_that_of_its_vehicles_and_is_stored_with_the_table(tmp_path: Path) -> None:
+    result = imported(tmp_path, rows(), source="my_corner", length="5.1", width="2.0")
+    assert result.table.select("veh_length", "veh_width").unique().rows() == [(5.1, 2.0)]
+    write_near_misses(result.table, tmp_path / "near.parquet", result.metadata)
+    stored = read_metadata(tmp_path / "near.parquet")["sources"]["my_corner"]
+    assert (stored["vehicle_length"], stored["vehicle_width"]) == (5.1, 2.0)
+    older = pq.read_table(tmp_path / "near.parquet").drop_columns(["veh_length", "veh_width"])
+    pq.write_table(older, tmp_path / "older.parquet")
+    assert read_near_misses(tmp_path / "older.parquet").equals(result.table)
+
+
+def test_clips_of_one_folder_have_one_source_and_one_size(tmp_path: Path) -> None:
+    write(tmp_path, rows())
+    (clip,) = described(tmp_path)
+    for other in (replace(clip, source="elsewhere"), clip.with_size(5.1, 2.0)):
+        with pytest.raises(InvalidInput, match=r"clip b: expected source here and vehicles of \(4.5, 1.8\) m, .* got"):
+            near_misses_of("here", [clip, replace(other, name="b")], length=4.5, width=1.8)
 
 
 @pytest.mark.parametrize(

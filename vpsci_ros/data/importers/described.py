@@ -99,7 +99,7 @@ def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
         for part, table, left_out in _clips(file, values, layouts):
             parts = [_readable(f"{name}{part}", file, _rows_of(table, values, each), each) for each in scaled]
             clip = _without_heading_jumps(_merged(parts)).with_size(*size).without_faster(float(values["fastest"]))
-            yield replace(clip, left_out={**clip.left_out, **left_out})
+            yield replace(clip, left_out={**clip.left_out, **left_out}, source=str(values["source"]))
             seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
     layout = layouts[0]
     for key, named in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)) * (len(layouts) == 1):
@@ -421,10 +421,4 @@ def _has_places(columns: set[str]) -> bool:
     return "id" in columns and (centre or (set(_BOX) <= columns and not {"x", "y"} & columns))
 
 
-def _source(folder: Path) -> str:
-    values = _values(folder / FILE)
-    _layouts(values, folder / FILE)
-    return str(values["source"])
-
-
-DESCRIBED = Importer(described, length=4.5, width=1.8, source=_source)
+DESCRIBED = Importer(described, length=_KEYS["length"], width=_KEYS["width"])

@@ -35,17 +35,27 @@ def near_misses_of(
 ) -> ImportResult:
     """Return the near misses of a source, interactions numbered from 0 in order of clip, vehicle and pedestrian.
 
-    :param length, width: of vehicles whose tracks do not say [m].
+    :param source: its name, unless the clips say another.
+    :param length, width: of vehicles whose tracks and clips do not say [m].
     :param critical: CurvTTC below which a pair is a near miss [s].
     :param fastest: pedestrians whose median speed exceeds this are left out [m/s], see `Clip.without_faster`.
-    :raises InvalidInput: no vehicle at all, no pedestrian, or two clips of one name; or see `clips`.
+    :raises InvalidInput: no vehicle at all, no pedestrian, two clips of one name, or of several sources or sizes; or
+        see `clips`.
     """
     parts: list[pl.DataFrame] = []
     pairs = vehicles = pedestrians = fast = 0
     left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
     names: set[str] = set()
+    size = length, width
     for recorded in clips:
+        own = recorded.source or source, recorded.size or size
+        if names and own != (source, size):
+            raise InvalidInput(
+                f"{source}: clip {recorded.name}: expected source {source} and vehicles of {size} m, as others say, "
+                f"got {own[0]} and {own[1]} m; give recordings of each a folder of their own"
+            )
+        source, size = own
         _require_metres(source, recorded)
         clip = recorded.with_headings().without_faster(fastest)
         if clip.name in names:
@@ -59,7 +69,7 @@ def near_misses_of(
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
         for vehicle, pedestrian in _together(clip):
-            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or (length, width)), critical)
+            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or size), critical)
             pairs += 1
             if near_miss is not None and near_miss.height < LEAST_STEPS:
                 left_out[BRIEF] += 1
@@ -83,8 +93,8 @@ def near_misses_of(
         steps=table.height,
         critical_steps=table.filter(pl.col("curvttc") < critical).height,
         quartiles=least_quartiles(table),
-        vehicle_length=length,
-        vehicle_width=width,
+        vehicle_length=size[0],
+        vehicle_width=size[1],
         left_out=dict(+left_out),
         assumed=tuple(assumed),
         vehicles=vehicles,

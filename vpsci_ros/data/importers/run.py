@@ -3,7 +3,7 @@
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,15 +30,10 @@ def import_trajectories(folder: str | Path, format_name: str, fastest: float = m
     :param fastest: median speed of a pedestrian above which it is left out [m/s].
     :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should.
     """
-    importer, folder = IMPORTERS.find(format_name), Path(folder)
-    return _near_misses_of_folder(importer, folder, format_name, importer.read(folder), fastest)
-
-
-def _near_misses_of_folder(
-    importer: Importer, folder: Path, format_name: str, clips: Iterable[Clip], fastest: float
-) -> ImportResult:
-    source = importer.source(folder) or format_name
-    return near_misses_of(source, clips, length=importer.length, width=importer.width, fastest=fastest)
+    importer = IMPORTERS.find(format_name)
+    return near_misses_of(
+        format_name, importer.read(Path(folder)), length=importer.length, width=importer.width, fastest=fastest
+    )
 
 
 def imported_clips(
@@ -53,7 +48,8 @@ def imported_clips(
     for folder, form in _with_formats(folders, formats):
         importer = IMPORTERS.find(form)
         clips = list(importer.read(folder))
-        found.append((clips, _near_misses_of_folder(importer, folder, form, clips, fastest)))
+        result = near_misses_of(form, clips, length=importer.length, width=importer.width, fastest=fastest)
+        found.append((clips, result))
     return found
 
 

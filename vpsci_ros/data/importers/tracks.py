@@ -65,7 +65,9 @@ class Clip:
     Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]), right-handed, in metres, m/s and radians
     counter-clockwise from x. The heading of a vehicle is NaN where nothing says it. `left_out` counts what is not among
     them by what it is, say frames of vehicles that drive backwards, which is not a near miss that CurvTTC describes.
-    `assumed` says in a few words what the recording does not hold.
+    `assumed` says in a few words what the recording does not hold. `source` is the name that the recordings give their
+    source, and `size` length and width [m] of vehicles whose tracks do not say: one for all clips of a folder; "" and
+    None: the format's.
     """
 
     name: str
@@ -73,10 +75,13 @@ class Clip:
     pedestrians: list[Track]
     left_out: Mapping[str, int] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
+    source: str = ""
+    size: tuple[float, float] | None = None
 
     def with_size(self, length: float, width: float) -> "Clip":
         """Return the clip with this size [m] for vehicles whose tracks have none."""
-        return replace(self, vehicles=[replace(each, size=each.size or (length, width)) for each in self.vehicles])
+        sized = [replace(each, size=each.size or (length, width)) for each in self.vehicles]
+        return replace(self, vehicles=sized, size=(length, width))
 
     def with_headings(self) -> "Clip":
         """Return the clip without vehicles whose heading is NaN; `left_out` counts them."""
@@ -97,14 +102,12 @@ class Importer:
 
     :ivar read: folder of recordings -> its clips, in an order of its own that is always the same; raises
         `InvalidInput` where the folder or a file does not hold what it should.
-    :ivar length, width: of a vehicle [m] whose track does not say.
-    :ivar source: folder of recordings -> the name that it gives its source, "" where it gives none.
+    :ivar length, width: of a vehicle [m] whose track and clip do not say.
     """
 
     read: Callable[[Path], Iterable[Clip]]
     length: float
     width: float
-    source: Callable[[Path], str] = lambda folder: ""
 
 
 def require_source(name: object, where: str) -> None:
