@@ -163,6 +163,8 @@ def check_near_misses(
         _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
     _check_order(table, where, given)
     _check_motion(table, where)
+    if len(given) == len(NEAR_MISS_COLUMNS):
+        return table
     return completed(table, sizes).select(list(NEAR_MISS_COLUMNS))
 
 
