@@ -22,6 +22,7 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
 from vpsci_ros.generate import simulate
 from vpsci_ros.generate.job import Job, Unit, job_from
-from vpsci_ros.generate.run import PARALLEL, generate, simulators
+from vpsci_ros.generate.run import PARALLEL, generate, part_writers
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
@@ -81,7 +82,7 @@ def end_to_end(job: Job, targets: Mapping[int, int], workers: int) -> dict[str, 
     """Generate a dataset, of so many kept episodes by scenario, and return its rate, its times and the memory of it."""
     folder, used = Path(tempfile.mkdtemp()), cpu_seconds()
     begin = time.perf_counter()
-    done = generate(job, targets, folder / "d", lambda: simulators(job, PARALLEL, workers))
+    done = generate(job, targets, folder / "d", partial(part_writers, job, PARALLEL, workers))
     wall = time.perf_counter() - begin
     rows = done.description["scenarios"].values()
     kept = sum(row["kept"] for row in rows)

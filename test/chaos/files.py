@@ -14,6 +14,7 @@ import signal
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate, simulators
+from vpsci_ros.generate.run import generate, part_writers
 from vpsci_ros.generate.verify import job_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights, save_weights
@@ -222,7 +223,7 @@ def _weights(folder: Path) -> Path:
 def _dataset(folder: Path) -> Path:
     """Two episodes of the rule-based pair; what is damaged is the description."""
     sections = load("stage3_generate", RULES)
-    generate(job_from(sections), {1: 2}, folder / "dataset", lambda: simulators(job_from(sections), 8, 1))
+    generate(job_from(sections), {1: 2}, folder / "dataset", partial(part_writers, job_from(sections), 8, 1))
     return folder / "dataset" / DESCRIPTION
 
 

@@ -1,6 +1,7 @@
 """A small dataset by policies of random weights: two scenarios, twelve kept episodes each."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from generate.small import NETWORK, PARALLEL, TARGETS, UNIT
 from synthetic import random_weights
 
 from vpsci_ros.generate.job import Job, job_from
-from vpsci_ros.generate.run import Generated, generate, simulators
+from vpsci_ros.generate.run import Generated, generate, part_writers
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.config import Sections
 
@@ -56,7 +57,7 @@ def make(job: Job) -> Callable[..., Generated]:
     def run(
         folder: Path, workers: int = 1, *, of: Job = job, unit: int = UNIT, parallel: int = PARALLEL, **options: Any
     ):
-        return generate(of, TARGETS, folder, lambda: simulators(of, parallel, workers), unit=unit, **options)
+        return generate(of, TARGETS, folder, partial(part_writers, of, parallel, workers), unit=unit, **options)
 
     return run
 

@@ -1,5 +1,6 @@
 """A dataset of episodes with several pedestrians: rows of each, filtered by one pair, and verified to the bit."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.record import record_episodes
-from vpsci_ros.generate.run import generate, simulators
+from vpsci_ros.generate.run import generate, part_writers, simulators
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
@@ -34,7 +35,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"world_simulator": world, "vehicle_policy": policy, "pedestrian_policy": policy, "dataset": dataset}
     )
     job = job_from(sections)
-    generate(job, {1: 12}, folder / "dataset", lambda: simulators(job, 40, 1), unit=UNIT)
+    generate(job, {1: 12}, folder / "dataset", partial(part_writers, job, 40, 1), unit=UNIT)
     return folder / "dataset"
 
 

@@ -1,5 +1,6 @@
 """A dataset's README says what is in it, in the dataset's own numbers, and the metadata hold for any scenario."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ from generate.small import UNIT
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate, simulators
+from vpsci_ros.generate.run import generate, part_writers
 from vpsci_ros.runs.config import Sections
 
 
@@ -19,7 +20,7 @@ def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     anything = {"critical_ttc": 60.0, "least_frames": 1, "vehicle_distance": 0.0, "pedestrian_distance": 0.0}
     job = job_from(Sections({"world_simulator": world, "dataset": anything}))
     folder = tmp_path_factory.mktemp("crowd") / "dataset"
-    generate(job, {104: 4}, folder, lambda: simulators(job, 40, 1), unit=UNIT)
+    generate(job, {104: 4}, folder, partial(part_writers, job, 40, 1), unit=UNIT)
     return folder
 
 

@@ -37,7 +37,7 @@ def generate(
     from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
     from vpsci_ros.generate.job import DatasetConfig, job_from
     from vpsci_ros.generate.progress import ProgressOfRun
-    from vpsci_ros.generate.run import PARALLEL, simulators
+    from vpsci_ros.generate.run import PARALLEL, part_writers
     from vpsci_ros.generate.run import generate as run
     from vpsci_ros.runs.config import RunConfig
 
@@ -56,7 +56,7 @@ def generate(
     first = sections.get(RunConfig, "world_simulator").first_episode
     names = {s.number: s.name for s in job.scenarios}
     with stoppable(output), ProgressOfRun(names, quiet=quiet) as progress:
-        start = partial(simulators, job, PARALLEL, workers or _cores())
+        start = partial(part_writers, job, PARALLEL, workers or _cores())
         done = run(job, targets, output, start, first=first, formats=values.formats, report=progress.show)
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")

@@ -46,7 +46,6 @@ class Unit(NamedTuple):
 
     scenario: int
     numbers: Sequence[int]
-    file: Path | None = None  # of its part; None: the episodes are returned with their rows
 
     def __str__(self) -> str:
         return f"scenario {self.scenario} from {self.numbers[0]}"

@@ -22,7 +22,7 @@ from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.parts import FINISHED, Parts, parts_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
-from vpsci_ros.generate.simulate import computing
+from vpsci_ros.generate.simulate import computing, storing
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
@@ -49,15 +49,20 @@ class Generated:
 
 
 def simulators(job: Job, batch: int, count: int) -> Workers[Unit, EpisodeBlock]:
-    """Return `count` workers on this machine; one of them is this process itself."""
+    """Return `count` workers on this machine that compute episodes; one of them is this process itself."""
     return local_workers(partial(computing, job, batch), count)
+
+
+def part_writers(job: Job, batch: int, count: int, parts: Parts) -> Workers[Unit, int]:
+    """Return `count` workers on this machine that write parts of a dataset, see `storing`."""
+    return local_workers(partial(storing, job, batch, parts), count)
 
 
 def generate(
     job: Job,
     targets: Mapping[int, int],
     folder: Path,
-    workers: Callable[[], Workers[Unit, EpisodeBlock]],
+    workers: Callable[[Parts], Workers[Unit, int]],
     *,
     unit: int = UNIT,
     first: int = 0,
@@ -71,7 +76,8 @@ def generate(
 
     :param targets: kept episodes wanted by scenario number.
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
-    :param workers: called to start workers when a unit is missing.
+    :param workers: called to start workers when a unit is missing; each writes parts, and returns how many episodes of
+        a unit are kept.
     :param unit: most episodes in a unit of work of a new run.
     :param formats: of `vpsci_ros.data.dataset_tables.FORMATS`.
     :param report: called after each unit.
@@ -97,7 +103,7 @@ def generate(
         if not plan.complete:
             compile_kernels()
         try:
-            computed = 0 if plan.complete else _compute(plan, parts, workers(), report)
+            computed = 0 if plan.complete else _compute(plan, workers(parts), report)
             middle = time.monotonic()
             description = _assemble(job, plan, parts, folder, formats, run)
             seconds = round(middle - begin, 3), round(time.monotonic() - middle, 3)
@@ -140,15 +146,11 @@ def _resume(scenario: ScenarioPlan, parts: Parts) -> None:
             scenario.take(unit, _kept(part[0]))
 
 
-def _compute(plan: DatasetPlan, parts: Parts, workers: Workers[Unit, EpisodeBlock], report: Report | None) -> int:
-    def next_unit() -> Unit | None:
-        unit = plan.next()
-        return unit._replace(file=parts.path(unit)) if unit is not None else None
-
+def _compute(plan: DatasetPlan, workers: Workers[Unit, int], report: Report | None) -> int:
     episodes = 0
     try:
-        for unit, block in computed(workers, next_unit):
-            plan.scenarios[unit.scenario].take(unit, _kept(block.records))
+        for unit, kept in computed(workers, plan.next):
+            plan.scenarios[unit.scenario].take(unit, kept)
             episodes += len(unit.numbers)
             if report is not None:
                 report(plan)

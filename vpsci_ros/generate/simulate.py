@@ -1,4 +1,4 @@
-"""Simulation of one unit of episodes by world, monitor, policies and filters, in one thread.
+"""Episodes by their numbers: world, monitor, policies and filters over one unit of work, in one thread.
 
 Every episode is simulated to its end. Episodes that are never critical could end early, but they run without policies
 and cost about a tenth of the time, and to end them needs a proof that CurvTTC stays high in any scenario file.
@@ -13,7 +13,7 @@ from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, concat_blo
 from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.parts import write_part
+from vpsci_ros.generate.parts import Parts, write_part
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
 from vpsci_ros.policy.onset_range import onsets_in, ranges
 from vpsci_ros.policy.policy_file import policy_from_bytes
@@ -74,14 +74,17 @@ def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
 
 
 def computing(job: Job, batch: int) -> Callable[[Unit], EpisodeBlock]:
-    """Return a function that computes a unit; if a unit has a file, rows are written there and not returned."""
+    """Return a function that computes the episodes of a unit."""
+    return Simulator(job, batch).run
+
+
+def storing(job: Job, batch: int, parts: Parts) -> Callable[[Unit], int]:
+    """Return a function that computes a unit, writes its part, and returns the number of its kept episodes."""
     simulator = Simulator(job, batch)
 
-    def compute(unit: Unit) -> EpisodeBlock:
+    def store(unit: Unit) -> int:
         block = simulator.run(unit)
-        if unit.file is None:
-            return block
-        write_part(unit.file, block)
-        return EpisodeBlock(block.records, block.values[:0].copy())
+        write_part(parts.path(unit), block)
+        return int(np.count_nonzero(block.kept))
 
-    return compute
+    return store
