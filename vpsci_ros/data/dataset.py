@@ -163,12 +163,16 @@ class DatasetWriter:
     def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
         """Write filtered episodes of a scenario, kept and rejected ones apart, with numbers above those written before.
 
-        :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`).
+        :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`), which
+            are the kept ones alone unless `keep_rejected`.
         """
-        passed = np.repeat(records["reason"] == KEPT, records["rows"])
-        for kept in (True, False):
-            for table in self._tables.get((number, kept), []):
-                table.add(rows.filter(pa.array(passed == kept)))
+        by_kept = {True: rows}
+        if self.keep_rejected:
+            passed = np.repeat(records["reason"] == KEPT, records["rows"])
+            by_kept = {kept: rows.filter(pa.array(passed == kept)) for kept in (True, False)}
+        for kept, own in by_kept.items():
+            for table in self._tables[number, kept]:
+                table.add(own)
         self._records[number].append(records)
 
     def close(
