@@ -11,7 +11,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.in_graph import episodes_in_bag
+from vpsci_ros.exam.in_graph import episodes_in_bag, result_of_graph
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir
@@ -68,3 +68,22 @@ def test_an_exam_whose_ads_leaves_ticks_unanswered_ends_and_says_for_how_many(en
 def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:
     with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
         episodes_in_bag(Bag(own_bag), exam)
+
+
+def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
+    own_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = {"scenarios": [1, 6], "only": [1, 0, 1, 2, 6, 4], "spawn": "paper"}
+    exam = prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world), "sleep 100")
+    recording, ends = Bag(own_bag), iter(["", "the ADS ended"])
+    recording.topics()
+    monkeypatch.setattr("vpsci_ros.bags.mcap_file._checksum", None)  # not to be called
+
+    def graph(_: Any, folder: Path, **__: Any) -> GraphResult:
+        return GraphResult(folder, next(ends), nodes={"world_simulator": BEGINS}, recording=recording)
+
+    monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
+    whole, failed = (in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True) for _ in range(2))
+    assert failed is None
+    result = result_of_graph(exam, "walker", own_bag, {"error": "", "results": {}}, whole)
+    assert [episode.name for episode in result.episodes] == ["1:0", "1:2", "6:4"]

@@ -17,7 +17,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode_file import FRAMES, read_episode_file
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import in_process
-from vpsci_ros.exam.conduct import read_run, run_with
+from vpsci_ros.exam.conduct import read_or_make_result, run_with
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.view import read_exam
@@ -62,9 +62,9 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     bag = tmp_path / "alone" / "runs" / "walker" / "bag"
     recorded = sorted(read_bag_episodes(bag), key=lambda episode: episode.key)
     (tmp_path / "alone" / "runs" / "walker" / FRAMES).unlink()
-    from_bag = read_run(small_exam(bags=True), tmp_path / "alone", "walker").episodes  # as that of a graph is
+    made = read_or_make_result(small_exam(bags=True), tmp_path / "alone", "walker")  # as that of a graph is
     assert (tmp_path / "alone" / "runs" / "walker" / FRAMES).is_file()
-    for other in (alone, three, recorded, from_bag):
+    for other in (alone, three, recorded, made.episodes):
         for one, same in zip(whole, other, strict=True):
             assert one.listed == same.listed
             assert np.array_equal(one.x, same.x)

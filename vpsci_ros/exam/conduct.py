@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.episode_file import FRAMES
 from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam
@@ -95,21 +96,21 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
+    run = run_folder(folder, name, exam.part)
     if is_done(exam, folder, name):
-        return read_run(exam, folder, name)
+        return read_or_make_result(exam, folder, name)
     if not quiet:
         where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
         external = where if exam.config.examined == EXTERNAL and exam.driver is None else ""
         print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
-    run = run_folder(folder, name, exam.part)
     shutil.rmtree(run, ignore_errors=True)
     for parent in (run.parent, folder / "logs"):
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{run.name}.log"
     if exam.in_process:
         return run_in_process(exam, name, run, log, quiet=quiet)
-    run_in_graph(exam, name, run, log, quiet=quiet)
-    return read_run(exam, folder, name)
+    recording = run_in_graph(exam, name, run, log, quiet=quiet)
+    return _make_result(exam, name, run, recording)
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
@@ -137,17 +138,22 @@ def is_done(exam: Exam, folder: Path, name: str) -> bool:
     return record is not None and not record["error"]
 
 
-def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
+def read_or_make_result(exam: Exam, folder: Path, name: str) -> RunResult:
     """Return the result of a run: its ended episodes, without those that the autopilot had to finish.
+
+    A graph's run that was stopped before its result was written has it made of its bag, and written.
 
     :raises InvalidInput: what it left cannot be read, though it came to its end.
     """
     run = run_folder(folder, name, exam.part)
-    if (run / FRAMES).is_file():
-        return read_result(run / FRAMES)
+    return read_result(run / FRAMES) if (run / FRAMES).is_file() else _make_result(exam, name, run)
+
+
+def _make_result(exam: Exam, name: str, run: Path, recording: Bag | None = None) -> RunResult:
+    """Make the result of a graph's run of its bag, write it, and return it."""
     record = read_record(run / RECORD)
     if record is None:
         return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
-    result = result_of_graph(exam, name, run / "bag", record)
+    result = result_of_graph(exam, name, run / "bag", record, recording)
     write_result(run / FRAMES, result)
     return result

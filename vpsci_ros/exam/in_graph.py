@@ -43,10 +43,11 @@ def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
     return own_domain()
 
 
-def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
-    """Run the graph with one pedestrian in the folder `run`, whose record names any failure of the driving system.
+def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> Bag | None:
+    """Run the graph with one pedestrian in the folder `run`; its record has a failure of the system.
 
     :param log: for what the system writes.
+    :returns: the bag of a run without a failure, which is whole; None of another.
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
@@ -82,6 +83,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
         world = result.nodes.get("world_simulator", NodeStatus())
         asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
         raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
+    return None if result.error else result.recording
 
 
 def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
@@ -111,10 +113,13 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
     return sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
 
 
-def result_of_graph(exam: Exam, name: str, bag: Path, record: Mapping[str, Any]) -> RunResult:
+def result_of_graph(
+    exam: Exam, name: str, bag: Path, record: Mapping[str, Any], recording: Bag | None = None
+) -> RunResult:
     """Return the result of a graph's run: the episodes of its bag, without those that the autopilot had to finish.
 
     :param record: of the run.
+    :param recording: the bag, opened by `run_in_graph`; None: to be opened here.
     :raises InvalidInput: the bag cannot be read, though the run came to its end.
     """
     nodes = record["results"].get("nodes", {})
@@ -124,7 +129,7 @@ def result_of_graph(exam: Exam, name: str, bag: Path, record: Mapping[str, Any])
     conduct = Conduct(len(exam.episodes), refused, surplus, counts.safe_stops, failure)
     if conduct.failure and not bag.is_dir():
         return RunResult([], conduct)  # it failed before the recorder wrote anything
-    recording = Bag(bag, recover=bool(conduct.failure))
+    recording = recording or Bag(bag, recover=bool(conduct.failure))
     events = recording.topics().get(EVENTS)
     if events is not None and not events.messages:
         return RunResult([], conduct)  # no episode has begun

@@ -52,6 +52,7 @@ class GraphResult:
     :ivar error: why it is no success; empty when it ran to its end and is complete.
     :ivar nodes: the last report of each node.
     :ivar exits: exit status of each process.
+    :ivar recording: the bag, whose checksums have been compared; None where there is none or it is not whole.
     """
 
     folder: Path
@@ -59,6 +60,7 @@ class GraphResult:
     wall_time: float = 0.0
     nodes: dict[str, NodeStatus] = field(default_factory=dict)
     exits: dict[str, int] = field(default_factory=dict)
+    recording: Bag | None = None
 
     @property
     def bag(self) -> Path:
@@ -336,19 +338,22 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
     if "learner" in nodes:
         weights = result.folder / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
         missing += [] if weights.is_file() else [f"the learner ended without {weights}"]
+    recorded = None
     try:
-        recorded = _recorded(result.bag) if "recorder" in nodes else None
+        if "recorder" in nodes:
+            result.recording = Bag(result.bag)
+            recorded = _recorded(result.recording)
     except InvalidInput as error:
+        result.recording = None
         return [*missing, str(error)]
     return missing + failures.incomplete(requested, nodes, result.nodes, recorded, failed.values())
 
 
-def _recorded(bag: Path) -> failures.RecordedCounts:
+def _recorded(bag: Bag) -> failures.RecordedCounts:
     """Return what a bag and its recorder say of the numbers of messages.
 
     :raises InvalidInput: the bag is not whole.
     """
-    opened = Bag(bag)
-    run = bag_run(opened)
-    held = {name: topic.messages for name, topic in opened.topics().items()}
+    run = bag_run(bag)
+    held = {name: topic.messages for name, topic in bag.topics().items()}
     return failures.RecordedCounts(run.count("seen"), run.count("refused"), run.count("written"), held)

@@ -12,7 +12,7 @@ import polars as pl
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import merged_results, read_run
+from vpsci_ros.exam.conduct import merged_results, read_or_make_result
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
@@ -52,7 +52,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     take_folder(folder, identity_of(exam))
     parts, own = exam.parts(), folder / FOLDER
     runs = {
-        name: merged_results([read_run(part, folder, name) for part in parts], len(exam.episodes))
+        name: merged_results([read_or_make_result(part, folder, name) for part in parts], len(exam.episodes))
         for name in exam.config.opponents
     }
     own.mkdir(exist_ok=True)
