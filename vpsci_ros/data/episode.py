@@ -7,6 +7,7 @@ takes it; `view.episode_sources.read_episodes` reads any of them. Frames that no
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -154,7 +155,7 @@ class Episode:
         """Distance that the vehicle has driven, float64[T] [m]."""
         return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
 
-    @property
+    @cached_property
     def known_curvttc(self) -> Floats:
         """CurvTTC, float64[n, T] [s], infinity where it was not computed."""
         return np.nan_to_num(self.curvttc, nan=np.inf, posinf=np.inf)
@@ -164,7 +165,7 @@ class Episode:
         """Least CurvTTC of all pedestrians [s]; infinity where no contact was predicted."""
         return float(self.known_curvttc.min())
 
-    @property
+    @cached_property
     def most_critical(self) -> int:
         """Index of the pedestrian with the least CurvTTC, the first of equal ones."""
         return int(self.known_curvttc.min(axis=1).argmin())

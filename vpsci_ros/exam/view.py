@@ -147,7 +147,7 @@ def came_first(episode: Episode) -> str:
     """Return which agent reached the contact point first, see `FailureGroup`."""
     if episode.outcome != "collision":
         return ""
-    seen = episode.filled().pair(episode.most_critical)
+    seen = episode.pair().filled()
     dx, dy = seen.ped_x[0, -1] - seen.x[-1], seen.ped_y[0, -1] - seen.y[-1]
     forward = math.cos(seen.heading[-1]) * dx + math.sin(seen.heading[-1]) * dy
     return "pedestrian" if forward >= 0.5 * VEHICLE_LENGTH else "vehicle"
