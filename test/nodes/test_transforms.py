@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from tf2_msgs.msg import TFMessage
 
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.recorder import is_own
+from vpsci_ros.nodes.recorder import of_own_frames, of_own_nodes
 from vpsci_ros.nodes.topics import TOPICS
 from vpsci_ros.resources import robot_description
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
@@ -83,9 +83,9 @@ def test_of_a_topic_that_graphs_share_each_takes_its_own(prefix: str, own: bool)
     state = np.zeros(1, EPISODE)
     poses = moving(state[0], "left/")
     status = DiagnosticArray(status=[DiagnosticStatus(name="left/world_simulator")])
-    for topic, message in (("/tf", poses), ("/tf_static", convert.fixed_transforms("left/")), ("/diagnostics", status)):
-        assert is_own(topic, serialize_message(message), prefix) is own
-    assert not is_own("/tf", serialize_message(TFMessage()), "left/")
+    assert of_own_nodes(status, prefix) is own
+    for message in (poses, convert.fixed_transforms("left/")):
+        assert of_own_frames(serialize_message(message), prefix) is own
+    assert not of_own_frames(serialize_message(TFMessage()), "left/")
     for names in (["left/somebody_else"], []):
-        other = DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])
-        assert not is_own("/diagnostics", serialize_message(other), "left/")
+        assert not of_own_nodes(DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names]), "left/")

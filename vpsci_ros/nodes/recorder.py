@@ -5,7 +5,7 @@ import struct
 import time
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,18 @@ from vpsci_ros.world.state import NO_EVENTS
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
 _AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
 """Topics that come with zeros between their fields, as events do; the others are written once more: the same bag."""
+
+
+class _Entry(NamedTuple):
+    """A message as it is recorded."""
+
+    at: int  # [ns] its stamp
+    data: bytes
+    tick: int = 0  # of events
+    events: NDArray[np.void] = NO_EVENTS  # EVENT[n]
+
+
+_FOREIGN = _Entry(0, b"")  # in place of a message of another graph
 
 
 class Recorder(GraphNode):
@@ -74,14 +86,13 @@ class Recorder(GraphNode):
         :raises VpsciError: the disk refuses it.
         """
         self.intake.arrived = time.perf_counter()
-        own = not TOPICS[topic].shared or self.intake.read(topic, is_own, topic, data, self.frame_prefix)
-        if own is False:
-            return
-        read = self.intake.read(topic, self._read, topic, data) if own else None
-        if read is None:
+        entry = self.intake.read(topic, self._read, topic, data)
+        if entry is None:
             self._bag.refuse(topic)
             return
-        at, data, tick, events = read
+        if entry is _FOREIGN:
+            return
+        at, data, tick, events = entry
         if self._ended and at > self._ended[0].end_time:
             self._write_ended()
         self._bag.write(topic, data, at, time.time_ns())
@@ -90,21 +101,26 @@ class Recorder(GraphNode):
         if topic != "/diagnostics" or self._untimed:
             self.simulated_at = at
 
-    def _read(self, topic: str, data: bytes) -> tuple[int, bytes, int, NDArray[np.void]]:
-        """Return stamp [ns] and bytes of a message as they are recorded, and of events the tick and EVENT[n].
+    def _read(self, topic: str, data: bytes) -> _Entry:
+        """Return a message as it is recorded; `_FOREIGN` for one of another graph on a topic that graphs share.
 
         :raises InvalidInput: it has no stamp, or it is another program's and no message of its type, or ragged events.
         """
+        row = TOPICS[topic]
+        if topic == "/diagnostics":
+            message, again = rewritten(row.type_name, data, topic)
+            if not of_own_nodes(message, self.frame_prefix):
+                return _FOREIGN
+            entry = _Entry(stamp_of(topic, data), again)
+            self._describe(parameters_in(message, self._unknown, self.frame_prefix))
+            return entry
+        if row.shared and not of_own_frames(data, self.frame_prefix):
+            return _FOREIGN
         at = stamp_of(topic, data)
         if topic == EVENTS:
-            message = parsed(TOPICS[topic].type_name, data, topic)
-            return at, data, message.tick, layout.events(message)
-        if topic in _AS_WRITTEN:
-            return at, data, 0, NO_EVENTS
-        message, data = rewritten(TOPICS[topic].type_name, data, topic)
-        if topic == "/diagnostics":
-            self._describe(parameters_in(message, self._unknown, self.frame_prefix))
-        return at, data, 0, NO_EVENTS
+            message = parsed(row.type_name, data, topic)
+            return _Entry(at, data, message.tick, layout.events(message))
+        return _Entry(at, data if topic in _AS_WRITTEN else rewritten(row.type_name, data, topic)[1])
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
@@ -146,17 +162,16 @@ class Recorder(GraphNode):
         self.get_logger().info(f"wrote {self._bag.folder}: {written} messages, {self._recorded_episodes} episodes")
 
 
-def is_own(topic: str, data: bytes, prefix: str) -> bool:
-    """Return whether a message on a shared topic comes from the graph whose names begin with `prefix`.
+def of_own_nodes(diagnostics: Any, prefix: str) -> bool:
+    """Return whether a DiagnosticArray is of the graph whose names begin with `prefix`, such as "left/", or ""."""
+    names = {status.name for status in diagnostics.status}
+    return bool(names) and names <= {f"{prefix}{name}" for name in EXECUTABLES}
 
-    :param prefix: such as "left/", or nothing.
-    :raises InvalidInput: the bytes are no message.
-    """
-    if topic == "/diagnostics":
-        names = {status.name for status in parsed(TOPICS[topic].type_name, data, topic).status}
-        return bool(names) and names <= {f"{prefix}{name}" for name in EXECUTABLES}
+
+def of_own_frames(transforms: bytes, prefix: str) -> bool:
+    """Return whether a serialized TFMessage is of the graph whose names begin with `prefix`, see `of_own_nodes`."""
     vehicle = f"{prefix}vehicle/base_link".encode() + b"\0"  # every message of a graph's frames has it
-    return struct.pack("<I", len(vehicle)) + vehicle in data
+    return struct.pack("<I", len(vehicle)) + vehicle in transforms
 
 
 def _digest(message: PolicyWeights) -> dict[str, str]:
