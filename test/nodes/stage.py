@@ -37,7 +37,8 @@ def overrides(**values: Any) -> list[Parameter]:
 def action_message(header: Header, tick: int, action: NDArray[np.floating[Any]], policy_version: int) -> AgentAction:
     """Return accelerations [m/s2], [B, 2] as (longitudinal, lateral), as a message."""
     message = AgentAction(header=header, tick=tick, policy_version=policy_version)
-    return convert.filled(message, layout.action_fields(action))
+    longitudinal, lateral = np.asarray(action, float).T
+    return convert.filled(message, {"longitudinal": longitudinal, "lateral": lateral})
 
 
 def state_bytes(state: NDArray[np.void], policy_frame: Any, tick: int, period: float = 0.05) -> bytes:

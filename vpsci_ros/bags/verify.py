@@ -236,11 +236,12 @@ class _Simulation:
         result.episodes += int(np.count_nonzero((state["status"] != 0) & (state["frame"] == 0)))
         simulated: dict[str, Fields] = {
             WORLD: layout.world_state_fields(state, frame),
-            SAFETY: layout.safety_fields(assessed.curvttc, assessed.distance, assessed.critical),
+            SAFETY: {name: getattr(assessed, name) for name in ("curvttc", "distance", "critical")},
         }
         for agent in self._loop.agents:
             action = self._actions.of(agent)
-            simulated[f"/{agent}/action"] = {"longitudinal": None} if action is None else layout.action_fields(action)
+            longitudinal, lateral = (None, None) if action is None else action.T
+            simulated[f"/{agent}/action"] = {"longitudinal": longitudinal, "lateral": lateral}
         return simulated
 
     def interrupted(self, following: Messages) -> bool:

@@ -72,17 +72,6 @@ def world_state_fields(state: Array, policy_frame: Array) -> dict[str, Array]:
     return {name: state[name] for name in _STATE} | {"policy_frame": policy_frame.astype(np.uint8)}
 
 
-def safety_fields(curvttc: Array, distance: Array, critical: Array) -> dict[str, Array]:
-    """Return the sequences of a SafetyState: CurvTTC [s], distance [m] (float64[B]) and critical (bool[B])."""
-    return {"curvttc": curvttc, "distance": distance, "critical": critical.astype(np.uint8)}
-
-
-def action_fields(action: Array) -> dict[str, Array]:
-    """Return the sequences of an AgentAction of accelerations [m/s2], [B, 2] as (longitudinal, lateral)."""
-    columns = action.astype(np.float64)
-    return {"longitudinal": columns[:, 0], "lateral": columns[:, 1]}
-
-
 def event_fields(events: Array) -> dict[str, Array]:
     """Return the sequences of an EpisodeEvent of EVENT[n] records."""
     return {name: events[name] for name in _EVENT}
