@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode_block import RECORD, EpisodeBlock
+from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.data.importers import ImportResult
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.tracks import Clip, Track
@@ -197,7 +197,7 @@ def random_weights(network: NetworkConfig, seed: int = 1) -> Weights:
 
 def block_of_pairs(values: np.ndarray, scenario: int = 1) -> EpisodeBlock:
     """Return episodes 0, 1, ... of one pedestrian, float32[n, frames, 10], that ended at the goal."""
-    records = np.zeros(len(values), RECORD)
+    records = np.zeros(len(values), JUDGED)
     records["scenario"], records["count"], records["outcome"] = scenario, np.arange(len(values)), GOAL
     records["frames"] = records["rows"] = values.shape[1]
     records["pedestrians"] = 1

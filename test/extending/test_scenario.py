@@ -15,7 +15,7 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.record import record_episodes
+from vpsci_ros.generate.bag import record_episodes
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir

@@ -10,7 +10,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.data.parquet import as_polars
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.record import record_episodes
+from vpsci_ros.generate.bag import record_episodes
 from vpsci_ros.generate.verify import first_difference
 
 NAMES = {1: "LocationA_PedCross_S-N", 6: "LocationB_PedCross_N-S"}

@@ -12,8 +12,8 @@ from generate.small import NETWORK, UNIT
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN
+from vpsci_ros.generate.bag import record_episodes
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate, part_writers, simulators
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.learning.networks import Networks

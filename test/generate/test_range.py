@@ -4,7 +4,7 @@ import numpy as np
 
 from vpsci_ros.data.dataset_description import counts_of
 from vpsci_ros.data.dataset_tables import index_table
-from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
+from vpsci_ros.data.episode_block import JUDGED, QUANTITIES, EpisodeBlock
 from vpsci_ros.generate.simulate import ranged
 from vpsci_ros.policy.onset_range import LEVELS
 
@@ -14,7 +14,7 @@ WIDE = np.repeat([[0.0, 10.0], [0.0, 40.0], [0.0, 3.0], [0.0, 180.0]], [1, len(L
 
 def block(speeds: list[float], ttc: list[float], pedestrians: int = 1) -> EpisodeBlock:
     """An episode of two frames each: a car along x, a walker 20 m ahead across; `ttc` is that of the second frame."""
-    records = np.zeros(len(speeds) // pedestrians, RECORD)
+    records = np.zeros(len(speeds) // pedestrians, JUDGED)
     records["frames"], records["pedestrians"] = 2, pedestrians
     records["count"], records["rows"] = np.arange(len(records)), 2 * pedestrians
     values = np.zeros((2 * len(speeds), len(QUANTITIES)), np.float32)

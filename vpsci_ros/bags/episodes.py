@@ -22,7 +22,7 @@ from vpsci_ros.documents import given_names, listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
 
-RECORD = "vpsci_episode"  # name of the records
+EPISODE_RECORD = "vpsci_episode"  # name of the records
 _USED = ["kind", "slot", "scenario", "episode", "outcome", "least_curvttc"]  # fields of an event
 LATE = 1_000_000_000  # [ns] by which other tools log an answer or a state later than the event that goes with it
 
@@ -115,7 +115,7 @@ def bag_episodes(bag: Bag) -> list[BagEpisode]:
 
     :raises InvalidInput: the bag is not whole, or none of a vehicle and a pedestrian.
     """
-    found = [BagEpisode.from_record(values) for name, values in bag.records() if name == RECORD]
+    found = [BagEpisode.from_record(values) for name, values in bag.records() if name == EPISODE_RECORD]
     return found or list(_from_ticks(bag))
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape as without_markup
 from rich.table import Table
 
-from vpsci_ros.bags.episodes import RECORD, BagEpisode, bag_episodes
+from vpsci_ros.bags.episodes import EPISODE_RECORD, BagEpisode, bag_episodes
 from vpsci_ros.bags.odometry import ODOMETRY
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
@@ -90,7 +90,7 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
         missing.append(f"{WORLD}, and one of {' and '.join(ODOMETRY)}: no export, no verify")
     elif SAFETY not in has:
         missing.append(f"{SAFETY}: CurvTTC is unknown")
-    if WORLD in has and RECORD not in records:
+    if WORLD in has and EPISODE_RECORD not in records:
         missing.append("records of episodes: they are found by reading all of the world's states")
     if WORLD in has and "world_simulator" not in run.parameters:
         missing.append("the nodes' parameters: no verify")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.episodes import RECORD, EpisodeLog
+from vpsci_ros.bags.episodes import EPISODE_RECORD, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
@@ -54,7 +54,7 @@ def write_ticks(
         for topic, data in _messages(step, config):
             writer.write(topic, data, time, time)
         for ended in log.add(tick.number, time, _events(tick.state), writer.path.name):
-            writer.add_metadata(RECORD, ended.to_record())
+            writer.add_metadata(EPISODE_RECORD, ended.to_record())
         count += 1
     writer.close(custom_data)
     return count

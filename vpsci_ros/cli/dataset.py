@@ -120,7 +120,7 @@ def bag(
     ],
 ) -> None:
     """Write chosen episodes as a bag (rosbag2, MCAP), with the topics of a graph."""
-    from vpsci_ros.generate.record import record_episodes
+    from vpsci_ros.generate.bag import record_episodes
 
     chosen = []
     for text in episodes:

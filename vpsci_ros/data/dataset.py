@@ -29,7 +29,7 @@ from vpsci_ros.data.dataset_tables import (
     arrow_rows,
     index_table,
 )
-from vpsci_ros.data.episode_block import KEPT, RECORD, EpisodeBlock, concat_blocks
+from vpsci_ros.data.episode_block import JUDGED, KEPT, EpisodeBlock, concat_blocks
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.data.parquet import arrow_schema, as_polars, write_parquet
 from vpsci_ros.errors import InvalidInput
@@ -152,7 +152,7 @@ class DatasetWriter:
             raise InvalidInput(f"episode of scenario {number}: this dataset has {', '.join(map(str, self._names))}")
         if number in self._records:
             return
-        self._records[number], name = [np.zeros(0, RECORD)], self._names[number]
+        self._records[number], name = [np.zeros(0, JUDGED)], self._names[number]
         for kept in (True, False) if self.keep_rejected else (True,):
             place = self.folder if kept else self.folder / REJECTED
             place.mkdir(exist_ok=True)
@@ -163,7 +163,7 @@ class DatasetWriter:
     def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
         """Write filtered episodes of a scenario, kept and rejected ones apart, with numbers above those written before.
 
-        :param records: RECORD[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`), which
+        :param records: JUDGED[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`), which
             are the kept ones alone unless `keep_rejected`.
         """
         by_kept = {True: rows}
@@ -193,7 +193,7 @@ class DatasetWriter:
             path, rows = table.close()
             files[path.relative_to(self.folder).as_posix()] = file_entry(path, rows)
         records = {self._names[number]: (number, np.concatenate(own)) for number, own in sorted(self._records.items())}
-        index = index_table(np.concatenate([np.zeros(0, RECORD), *(own for _, own in records.values())]))
+        index = index_table(np.concatenate([np.zeros(0, JUDGED), *(own for _, own in records.values())]))
         write_parquet(index, self.folder / INDEX, INDEX_COLUMNS, **self._provenance)
         files[INDEX] = file_entry(self.folder / INDEX, index.height)
         for name, data in (beside or {}).items():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
-from vpsci_ros.data.episode_block import KEPT, RANGES, REASONS, RECORD
+from vpsci_ros.data.episode_block import JUDGED, KEPT, RANGES, REASONS
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.documents import Form
 from vpsci_ros.runs.files import sha256
@@ -52,7 +52,7 @@ FORM_OF_GENERATED: Form = {  # besides, of one that `vpsci generate` made
 
 
 def counts_of(records: NDArray[np.void]) -> dict[str, Any]:
-    """Return counts of RECORD[n]: simulated, kept, rejected by reason, path lengths, least CurvTTC."""
+    """Return counts of JUDGED[n]: simulated, kept, rejected by reason, path lengths, least CurvTTC."""
     kept = records["reason"] == KEPT
     return {
         "simulated": len(records),
@@ -123,12 +123,12 @@ def description_of(
 ) -> dict[str, Any]:
     """Return the content of dataset.json.
 
-    :param records: number and RECORD[n] of each scenario, by its name.
+    :param records: number and JUDGED[n] of each scenario, by its name.
     """
     return {
         "content": "vehicle-pedestrian safety-critical interaction episodes",
         **provenance,
-        "all": nearness(np.concatenate([np.zeros(0, RECORD), *(own for _, own in records.values())])),
+        "all": nearness(np.concatenate([np.zeros(0, JUDGED), *(own for _, own in records.values())])),
         "filters": asdict(filters),
         "unfinished": unfinished,
         "scenarios": {name: {"number": number, **counts_of(own)} for name, (number, own) in records.items()},

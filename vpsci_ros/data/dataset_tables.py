@@ -82,7 +82,7 @@ def arrow_rows(block: EpisodeBlock, **metadata: Any) -> pa.Table:
 
 
 def index_table(records: NDArray[np.void]) -> pl.DataFrame:
-    """Return the index of RECORD[n], with the columns of `INDEX_COLUMNS`."""
+    """Return the index of JUDGED[n], with the columns of `INDEX_COLUMNS`."""
     table = pl.DataFrame({name: np.ascontiguousarray(records[name]) for name in INDEX_COLUMNS})
     named = table.with_columns(
         pl.col("outcome").replace_strict(dict(enumerate(OUTCOME_NAMES)), return_dtype=pl.String),

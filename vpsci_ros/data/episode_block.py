@@ -37,7 +37,7 @@ REASONS = (
     "vehicle hardly moved",  # (4) 10 m or less from the first to the last frame
     "pedestrian hardly moved",  # (4) 4 m or less
 )
-RECORD = np.dtype(
+JUDGED = np.dtype(
     [
         ("scenario", np.uint8),
         ("count", np.int64),  # number within the scenario
@@ -66,7 +66,7 @@ _PLACE = np.dtype(
 class EpisodeBlock:
     """A block of n episodes as arrays.
 
-    :ivar records: RECORD[n].
+    :ivar records: JUDGED[n].
     :ivar values: float32[rows, 10], `QUANTITIES` in map frame [m, m/s, s] of the episodes that are stored, one after
         the other, and in each one pedestrian after the other; NaN in frames that nobody saw.
     """
@@ -104,7 +104,7 @@ class EpisodeBlock:
 
 def concat_blocks(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
     """Return the episodes of several blocks as one, in the order of their scenarios and numbers."""
-    records = np.concatenate([np.zeros(0, RECORD), *(block.records for block in blocks)])
+    records = np.concatenate([np.zeros(0, JUDGED), *(block.records for block in blocks)])
     values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *(block.values for block in blocks)])
     order, ends = np.lexsort((records["count"], records["scenario"])), np.cumsum(records["rows"])
     if (order == np.arange(len(order))).all():
@@ -161,7 +161,7 @@ class EpisodeFrames:
         free, count, _ = self._counts.tolist()
         places = self._ended[:count]
         of, first = self._places[places], np.flatnonzero(self._places["pedestrian"][places] == 0)
-        records = np.zeros(len(first), RECORD)
+        records = np.zeros(len(first), JUDGED)
         for name, own in (("scenario", "scenario"), ("count", "episode"), ("outcome", "outcome"), ("frames", "frames")):
             records[name] = of[own][first]
         records["pedestrians"] = np.diff(np.append(first, count))

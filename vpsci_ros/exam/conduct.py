@@ -23,7 +23,7 @@ from vpsci_ros.exam.in_graph import domain_of, result_of_graph, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder, write_result
 from vpsci_ros.runs.progress import Bars
-from vpsci_ros.runs.record import RECORD, read_record
+from vpsci_ros.runs.record import RUN_RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
 
 
@@ -134,7 +134,7 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
     """Return whether the run of a part with a pedestrian is finished in this folder."""
-    record = read_record(run_folder(folder, name, exam.part) / RECORD)
+    record = read_record(run_folder(folder, name, exam.part) / RUN_RECORD)
     return record is not None and not record["error"]
 
 
@@ -151,7 +151,7 @@ def read_or_make_result(exam: Exam, folder: Path, name: str) -> RunResult:
 
 def _make_result(exam: Exam, name: str, run: Path, recording: Bag | None = None) -> RunResult:
     """Make the result of a graph's run of its bag, write it, and return it."""
-    record = read_record(run / RECORD)
+    record = read_record(run / RUN_RECORD)
     if record is None:
         return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
     result = result_of_graph(exam, name, run / "bag", record, recording)

@@ -31,7 +31,7 @@ from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
-from vpsci_ros.runs.record import RECORD, write_record
+from vpsci_ros.runs.record import RUN_RECORD, write_record
 from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.intervention import Interventions
@@ -102,7 +102,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
     result = RunResult(episodes, conduct, first_critical=first_critical)
     write_result(run / FRAMES, result)
     write_record(
-        run / RECORD,
+        run / RUN_RECORD,
         begun=begun,
         error=failure,
         results={"nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))}},

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, arrow_rows
-from vpsci_ros.data.episode_block import RECORD, EpisodeBlock
+from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
@@ -42,14 +42,14 @@ def write_part(path: Path, block: EpisodeBlock) -> None:
 
 
 def read_part(path: Path) -> tuple[NDArray[np.void], pa.Table]:
-    """Return the records of a unit's episodes, RECORD[n], and the rows of those that are stored.
+    """Return the records of a unit's episodes, JUDGED[n], and the rows of those that are stored.
 
     :raises InvalidInput: no part, or a damaged one.
     """
     try:
         stored = read_metadata(path)
         data = bytes.fromhex(stored["records"])
-        records = np.frombuffer(data, RECORD)
+        records = np.frombuffer(data, JUDGED)
         rows = pq.read_table(path, page_checksum_verification=True)
         if zlib.crc32(data) != stored["checksum"] or rows.num_rows != records["rows"].sum():
             raise ValueError("its records are not those that were written")

@@ -197,11 +197,11 @@ def _write(writer: DatasetWriter, plan: ScenarioPlan, parts: Parts) -> None:
 
 
 def _kept(records: NDArray[np.void]) -> int:
-    """Return how many of RECORD[n] pass every filter."""
+    """Return how many of JUDGED[n] pass every filter."""
     return int((records["reason"] == KEPT).sum())
 
 
 def _up_to_kept(records: NDArray[np.void], wanted: int) -> int:
-    """Return how many of RECORD[n] there are up to the `wanted`th kept one, or all."""
+    """Return how many of JUDGED[n] there are up to the `wanted`th kept one, or all."""
     places = np.flatnonzero(records["reason"] == KEPT)
     return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(records)

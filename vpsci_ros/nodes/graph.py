@@ -35,7 +35,7 @@ from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
 from vpsci_ros.runs.output_folder import FolderLock
 from vpsci_ros.runs.processes import ChildProcess, CoreTime, core_time, stop
-from vpsci_ros.runs.record import RECORD, write_record
+from vpsci_ros.runs.record import RUN_RECORD, write_record
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 
@@ -115,7 +115,7 @@ def run_graph(
         near_misses = [] if learner is None else corpus_files(learner.get("near_misses", []))
         with _collecting_errors(result):
             write_record(
-                folder / RECORD,
+                folder / RUN_RECORD,
                 begun=begun,
                 error=result.error,
                 results={

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_msgs.msg import PolicyWeights
-from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog
+from vpsci_ros.bags.episodes import EPISODE_RECORD, BagEpisode, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode
@@ -125,7 +125,7 @@ class Recorder(GraphNode):
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
         for episode in self._ended:
-            self._bag.add_metadata(RECORD, episode.to_record())
+            self._bag.add_metadata(EPISODE_RECORD, episode.to_record())
         self._recorded_episodes += len(self._ended)
         self._ended.clear()
 

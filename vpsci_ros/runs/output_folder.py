@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.runs.files import FAILURE, is_empty_folder, require_empty_folder
-from vpsci_ros.runs.record import RECORD, read_record, write_record
+from vpsci_ros.runs.record import RUN_RECORD, read_record, write_record
 
 _LOCKED: set[Path] = set()  # the folders that this process has locked
 
@@ -87,7 +87,7 @@ def output_folder(path: Path) -> Iterator[None]:
 
 
 def _mark(folder: Path, begun: float, error: str) -> None:
-    record = read_record(folder / RECORD)
+    record = read_record(folder / RUN_RECORD)
     if record is None or not record["error"]:
         with contextlib.suppress(OSError, VpsciError):
             write_record(folder / FAILURE, begun=begun, error=error, results={}, inputs={})

@@ -11,7 +11,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 
-RECORD = "run.json"
+RUN_RECORD = "run.json"
 
 
 def write_record(

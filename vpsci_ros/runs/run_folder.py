@@ -17,7 +17,7 @@ from vpsci_ros.parameters import as_ros_parameters, flat
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import FAILURE, changed_files, require_empty_folder, sha256, write_text
 from vpsci_ros.runs.identity import require_same
-from vpsci_ros.runs.record import RECORD, read_record, write_record
+from vpsci_ros.runs.record import RUN_RECORD, read_record, write_record
 from vpsci_ros.runs.stop_request import uninterrupted
 
 PARAMETERS = "params.yaml"
@@ -63,7 +63,7 @@ class RunFolder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         with uninterrupted():
             write_record(
-                self._folder / RECORD,
+                self._folder / RUN_RECORD,
                 begun=self._begun,
                 error="" if kind is None else str(error) or "stopped on request",
                 results=self.results,
@@ -73,7 +73,7 @@ class RunFolder:
             )
 
     def _finished(self) -> bool:
-        record = read_record(self._folder / RECORD)
+        record = read_record(self._folder / RUN_RECORD)
         if record is None or record["error"] or record["inputs_sha256"] != self.inputs:
             return False
         if changed_files(self._folder, record.get("outputs_sha256", {})):
@@ -83,7 +83,11 @@ class RunFolder:
 
     def _outputs(self) -> Iterable[Path]:
         for path in self._folder.rglob("*"):
-            if path.is_file() and path.name not in (RECORD, FAILURE) and not path.name.endswith((_GOES_ON, ".part")):
+            if (
+                path.is_file()
+                and path.name not in (RUN_RECORD, FAILURE)
+                and not path.name.endswith((_GOES_ON, ".part"))
+            ):
                 yield path
 
 

@@ -14,7 +14,7 @@ import polars as pl
 
 from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, NEXT_PEDESTRIAN
-from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
+from vpsci_ros.data.episode_block import JUDGED, QUANTITIES, EpisodeBlock
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
@@ -200,7 +200,7 @@ def _off_the_lane(rows: pl.DataFrame, scenario: Scenario) -> float:
 def _block(rows: pl.DataFrame, scenario: int) -> EpisodeBlock:
     """Return the episodes of `canonical` rows."""
     of = rows.group_by("count", maintain_order=True).agg(pl.len(), pl.col("ped_id").n_unique())
-    records = np.zeros(of.height, RECORD)
+    records = np.zeros(of.height, JUDGED)
     records["scenario"], records["count"] = scenario, of["count"]
     records["rows"], records["pedestrians"] = of["len"], of["ped_id"]
     records["frames"] = of["len"] // of["ped_id"]
