@@ -19,10 +19,10 @@ from vpsci_msgs.msg import AgentAction, SafetyState
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
+from vpsci_ros.wire.answers import SafetyContent, write_safety_state
 from vpsci_ros.wire.header import WireHeader, tick_header
 from vpsci_ros.wire.odometry import write_odometry
-from vpsci_ros.wire.world_state import SerializedState, write_world_state
+from vpsci_ros.wire.world_state import StateContent, write_world_state
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
 
@@ -44,14 +44,14 @@ def action_message(header: Header, tick: int, action: NDArray[np.floating[Any]],
 def state_bytes(state: NDArray[np.void], policy_frame: Any, tick: int, period: float = 0.05) -> bytes:
     """Return `/world/state` of EPISODE[B] records, serialized."""
     header = tick_header(tick, period)
-    return write_world_state(SerializedState(header, Tick(tick, state, np.asarray(policy_frame, np.bool_)), period))
+    return write_world_state(StateContent(header, Tick(tick, state, np.asarray(policy_frame, np.bool_)), period))
 
 
 def safety_bytes(tick: int, curvttc: Any, distance: Any, critical: Any) -> bytes:
     """Return `/safety/state` of a tick of 0.05 s, serialized."""
     header = tick_header(tick, 0.05)
     values = np.asarray(curvttc, float), np.asarray(distance, float), np.asarray(critical, np.uint8)
-    return write_safety_state(SerializedSafety(header, tick, *values))
+    return write_safety_state(SafetyContent(header, tick, *values))
 
 
 def odometry_messages(record: np.void, header: Header, prefix: str = "") -> list[Odometry]:

@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, WorldState
 from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
+from vpsci_ros.wire.answers import ActionContent, SafetyContent, write_action, write_safety_state
 from vpsci_ros.wire.decoder import rewritten
 from vpsci_ros.wire.events import write_events
 from vpsci_ros.wire.header import WireHeader, padded
@@ -53,8 +53,8 @@ def test_ros_reads_what_a_node_writes_of_a_state_and_writes_the_same() -> None:
 def test_ros_reads_what_a_node_writes_of_an_answer_and_writes_the_same(batch: int) -> None:
     rng, header = np.random.default_rng(batch), WireHeader(3, 5, "left/map")
     pairs, critical = rng.random((batch, 2)), rng.random(batch) < 0.5
-    safety = write_safety_state(SerializedSafety(header, 7, *pairs.T, critical))
-    action = write_action(SerializedAction(header, 7, *pairs.T, 9))
+    safety = write_safety_state(SafetyContent(header, 7, *pairs.T, critical))
+    action = write_action(ActionContent(header, 7, *pairs.T, 9))
     for data, kind in ((safety, SafetyState), (action, AgentAction)):
         message = deserialize_message(data, kind)
         name = f"vpsci_msgs/msg/{kind.__name__}"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import (
-    SerializedAction,
-    SerializedSafety,
+    ActionContent,
+    SafetyContent,
     read_action,
     read_safety_state,
     write_action,
@@ -20,7 +20,7 @@ from vpsci_ros.wire.answers import (
 )
 from vpsci_ros.wire.decoder import rewritten
 from vpsci_ros.wire.header import WireHeader, stamp_of
-from vpsci_ros.wire.world_state import SerializedState, read_world_state, write_world_state
+from vpsci_ros.wire.world_state import StateContent, read_world_state, write_world_state
 from vpsci_ros.world.state import EPISODE, EVENT, FINISHED, RUNNING
 from vpsci_ros.world.tick import Tick
 
@@ -40,7 +40,7 @@ def running(batch: int = 2, **changed: Any) -> NDArray[np.void]:
 
 
 def written(state: NDArray[np.void]) -> bytes:
-    return write_world_state(SerializedState(HEADER, Tick(TICK, state, np.arange(len(state)) % 2 == 0), PERIOD))
+    return write_world_state(StateContent(HEADER, Tick(TICK, state, np.arange(len(state)) % 2 == 0), PERIOD))
 
 
 @pytest.mark.parametrize("batch", [1, 2, 3, 7, 64])
@@ -56,8 +56,8 @@ def test_a_state_is_read_as_it_was_written(batch: int) -> None:
 @pytest.mark.parametrize("batch", [1, 2, 7])
 def test_answers_are_read_as_they_were_written(batch: int) -> None:
     rng = np.random.default_rng(batch)
-    safety = SerializedSafety(HEADER, TICK, rng.random(batch), rng.random(batch), rng.random(batch) < 0.5)
-    action = SerializedAction(HEADER, TICK, rng.random(batch), rng.random(batch), 9)
+    safety = SafetyContent(HEADER, TICK, rng.random(batch), rng.random(batch), rng.random(batch) < 0.5)
+    action = ActionContent(HEADER, TICK, rng.random(batch), rng.random(batch), 9)
     for given, back in (
         (safety, read_safety_state(write_safety_state(safety))),
         (action, read_action(write_action(action), "/vehicle/action")),
@@ -70,8 +70,8 @@ def test_a_message_that_breaks_off_anywhere_is_refused() -> None:
     ones = np.ones(2)
     whole = [
         (read_world_state, written(running())),
-        (read_safety_state, write_safety_state(SerializedSafety(HEADER, 1, ones, ones, ones > 0))[:-2]),
-        (lambda data: read_action(data, "/vehicle/action"), write_action(SerializedAction(HEADER, 1, ones, ones, 1))),
+        (read_safety_state, write_safety_state(SafetyContent(HEADER, 1, ones, ones, ones > 0))[:-2]),
+        (lambda data: read_action(data, "/vehicle/action"), write_action(ActionContent(HEADER, 1, ones, ones, 1))),
     ]
     for read, data in whole:
         for end in range(len(data) - 3 * (read is read_world_state)):  # behind the last field there are zeros
@@ -118,7 +118,7 @@ def test_a_state_of_another_version_is_refused_in_words() -> None:
 
 
 def test_a_curvttc_that_is_not_a_number_is_refused() -> None:
-    none = SerializedSafety(HEADER, 1, np.array([np.nan]), np.ones(1), np.ones(1, np.uint8))
+    none = SafetyContent(HEADER, 1, np.array([np.nan]), np.ones(1), np.ones(1, np.uint8))
     with pytest.raises(InvalidInput, match="curvttc of slot 0 is not a number"):
         layout.safety_state(none, 1)
     with pytest.raises(InvalidInput, match="expected 2 entries in curvttc, got 1"):

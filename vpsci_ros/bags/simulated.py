@@ -13,11 +13,11 @@ from vpsci_ros.bags.episodes import EPISODE_RECORD, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
+from vpsci_ros.wire.answers import ActionContent, SafetyContent, write_action, write_safety_state
 from vpsci_ros.wire.decoder import describe
 from vpsci_ros.wire.header import tick_header
 from vpsci_ros.wire.odometry import write_odometry
-from vpsci_ros.wire.world_state import SerializedState, write_world_state
+from vpsci_ros.wire.world_state import StateContent, write_world_state
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
@@ -70,12 +70,12 @@ def _messages(step: Step, config: WorldConfig) -> Iterator[tuple[str, bytes]]:
     """Yield topic and serialized message of one tick of one episode."""
     tick, assessed = step.tick, step.assessment
     header = tick_header(tick.number, config.tick)
-    yield layout.WORLD, write_world_state(SerializedState(header, tick, config.tick))
+    yield layout.WORLD, write_world_state(StateContent(header, tick, config.tick))
     safety = assessed.curvttc, assessed.distance, assessed.critical
-    yield layout.SAFETY, write_safety_state(SerializedSafety(header, tick.number, *safety))
+    yield layout.SAFETY, write_safety_state(SafetyContent(header, tick.number, *safety))
     for agent in AGENTS:
         if (action := step.actions.of(agent)) is not None:
-            answer = SerializedAction(header, tick.number, action[:, 0], action[:, 1], 1)
+            answer = ActionContent(header, tick.number, action[:, 0], action[:, 1], 1)
             yield f"/{agent}/action", write_action(answer)
     if tick.state[0]["status"]:
         for agent in AGENTS:

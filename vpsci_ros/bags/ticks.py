@@ -12,10 +12,10 @@ from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.data.gathered import RecordedTick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedSafety, read_safety_state
+from vpsci_ros.wire.answers import SafetyContent, read_safety_state
 from vpsci_ros.wire.decoder import RawMessage, decode, require_cdr
 from vpsci_ros.wire.layout import EVENTS, SAFETY, TYPES, WORLD
-from vpsci_ros.wire.world_state import SerializedState, read_world_state
+from vpsci_ros.wire.world_state import StateContent, read_world_state
 
 _PATIENCE = 1000  # ticks for which the monitor's answer may come later in the file than the world's message
 
@@ -37,8 +37,8 @@ def read_bag(
         breaks off or is damaged.
     """
     bag = opened(bag)
-    answers: dict[int, SerializedSafety] = {}
-    waiting: dict[int, tuple[SerializedState, int]] = {}
+    answers: dict[int, SafetyContent] = {}
+    waiting: dict[int, tuple[StateContent, int]] = {}
     ticks = 0
     for raw in _messages(bag, (WORLD, SAFETY) if take_events is None else (WORLD, SAFETY, EVENTS), start, stop):
         where = f"{bag.path}: {raw.topic}"
@@ -90,7 +90,7 @@ def _messages(bag: Bag, topics: tuple[str, ...], start: int, stop: int) -> Itera
         yield raw
 
 
-def _tick(folder: Path, world: SerializedState, time: int, safety: SerializedSafety | None) -> RecordedTick:
+def _tick(folder: Path, world: StateContent, time: int, safety: SafetyContent | None) -> RecordedTick:
     tick = world.tick
     curvttc = distance = np.full(len(tick.state), np.nan)
     if safety is not None:

@@ -240,7 +240,7 @@ class Cockpit:
             return Answer(*command_of_answer(answer))
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # noqa: BLE001  # whatever a stranger's class raises
+        except BaseException as error:  # noqa: BLE001  # the driving system's class may raise anything
             trace = "".join(traceback.format_exception(error))[-_TRACED:]
             return Answer(error=said(error), trace=trace, refused=returned)
 
@@ -265,6 +265,6 @@ def said(error: BaseException) -> str:
     """Return the message of an error in the driving system's code, in one printable line."""
     try:
         text = str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {error}"
-    except BaseException:  # noqa: BLE001  # its text is the stranger's code, too
+    except BaseException:  # noqa: BLE001  # its text comes from the driving system's code, too
         text = type(error).__name__
     return printable(" ".join(text.split()))[:_SHOWN]

@@ -24,8 +24,8 @@ from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
-from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
+from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text

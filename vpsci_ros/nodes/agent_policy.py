@@ -18,9 +18,9 @@ from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.policy.weights import Weights, weights_from_bytes
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, read_safety_state, write_action
+from vpsci_ros.wire.answers import ActionContent, SafetyContent, read_safety_state, write_action
 from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.world_state import SerializedState, read_world_state, warm_up
+from vpsci_ros.wire.world_state import StateContent, read_world_state, warm_up
 from vpsci_ros.world.tick import Tick, finite_pairs
 
 OFFER_PERIOD = 0.1  # [s]: endpoints of two programs that know each other are matched within some milliseconds
@@ -42,8 +42,8 @@ class AgentPolicy(GraphNode):
         self._version = 0  # of the weights
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
-        self._world: SerializedState | None = None
-        self._safety: SerializedSafety | None = None
+        self._world: StateContent | None = None
+        self._safety: SafetyContent | None = None
         self._known = -1  # the latest tick that was worked through
         self._meter = Meter()
         if isinstance(self._agent, PolicyAgent):
@@ -91,14 +91,14 @@ class AgentPolicy(GraphNode):
             self._actions = self.output(self._topic)
         self._monitor_found = self._monitored.get_publisher_count() > 0
 
-    def _on_state(self, world: SerializedState) -> None:
+    def _on_state(self, world: StateContent) -> None:
         if self._world is not None and world.tick.number < self._world.tick.number:
             self._known = -1  # another world
         self._world = world
         self._meter.tick(world.tick.number)
         self._answer()
 
-    def _on_safety(self, safety: SerializedSafety) -> None:
+    def _on_safety(self, safety: SafetyContent) -> None:
         self._safety = safety
         self._answer()
 
@@ -131,7 +131,7 @@ class AgentPolicy(GraphNode):
             self._meter.answered(arrived)
             self.acts(tick.number)
 
-    def _act(self, header: WireHeader, tick: Tick, safety: SerializedSafety) -> bytes | None:
+    def _act(self, header: WireHeader, tick: Tick, safety: SafetyContent) -> bytes | None:
         """Take one tick in; return the answer, or None where none is wanted."""
         if not np.count_nonzero(tick.policy_frame):
             self._known = tick.number
@@ -142,14 +142,14 @@ class AgentPolicy(GraphNode):
         self._known = tick.number
         action = self._agent.act(tick, assessed).astype(np.float64)
         finite_pairs("pedestrian", action)  # refuses another shape, and numbers that are not finite
-        return write_action(SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version))
+        return write_action(ActionContent(header, tick.number, action[:, 0], action[:, 1], self._version))
 
 
 VehiclePolicy = partial(AgentPolicy, "vehicle")
 PedestrianPolicy = partial(AgentPolicy, "pedestrian")
 
 
-def _safety_state(data: bytes) -> SerializedSafety:
+def _safety_state(data: bytes) -> SafetyContent:
     """Return what a SafetyState says, one number of each kind for each episode.
 
     :raises InvalidInput: it is none; see `layout.safety_state`.

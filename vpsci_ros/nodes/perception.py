@@ -14,7 +14,7 @@ from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.parameters import pick
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.wire.layout import WORLD
-from vpsci_ros.wire.world_state import SerializedState, read_world_state
+from vpsci_ros.wire.world_state import StateContent, read_world_state
 from vpsci_ros.wire.world_state import warm_up as warm_up_reading
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
@@ -45,7 +45,7 @@ class Perception(GraphNode):
         self._listed = 0
         self._first: PointCloud2 | None = None  # list, until the second one
         self._first_at = 0.0  # [s] of the wall clock, when it was published
-        self._waiting: list[SerializedState] = []
+        self._waiting: list[StateContent] = []
         self._awaited = ["world_simulator"]
         self.input("/diagnostics", self._world_parameters, self._on_parameters)
         self.input(WORLD, _shown, self._on_state, raw=True)
@@ -74,14 +74,14 @@ class Perception(GraphNode):
             for world in waiting:
                 self._look(world)
 
-    def _on_state(self, world: SerializedState) -> None:
+    def _on_state(self, world: StateContent) -> None:
         if self._awaited:
             self._waiting.append(world)
         else:
             self._look(world)
             self._meter.answered(self.intake.arrived)
 
-    def _look(self, world: SerializedState) -> None:
+    def _look(self, world: StateContent) -> None:
         header, tick, period = world
         if len(tick.state) != self._pedestrians:
             raise VpsciError(
@@ -110,7 +110,7 @@ class Perception(GraphNode):
             self._objects.publish_now(self._first)
 
 
-def _shown(data: bytes) -> SerializedState:
+def _shown(data: bytes) -> StateContent:
     """Return what a WorldState says.
 
     :raises InvalidInput: as `read_world_state`, or its ticks take no time.

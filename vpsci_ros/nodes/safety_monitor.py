@@ -4,8 +4,8 @@ from typing import Any
 
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
-from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
-from vpsci_ros.wire.world_state import SerializedState, read_world_state
+from vpsci_ros.wire.answers import SafetyContent, write_safety_state
+from vpsci_ros.wire.world_state import StateContent, read_world_state
 from vpsci_ros.wire.world_state import warm_up as warm_up_reading
 from vpsci_ros.world.monitor import assess, warm_up
 
@@ -26,10 +26,10 @@ class SafetyMonitor(GraphNode):
         """Return rate and lag of the answers."""
         return self._meter.figures()
 
-    def _on_state(self, world: SerializedState) -> None:
+    def _on_state(self, world: StateContent) -> None:
         header, tick, _ = world
         curvttc, distance, critical = assess(tick.state)
-        self._safety.publish(write_safety_state(SerializedSafety(header, tick.number, curvttc, distance, critical)))
+        self._safety.publish(write_safety_state(SafetyContent(header, tick.number, curvttc, distance, critical)))
         self.simulated_at = header.at
         self._meter.tick(tick.number)
         self._meter.answered(self.intake.arrived)

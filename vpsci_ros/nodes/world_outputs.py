@@ -14,7 +14,7 @@ from vpsci_ros.wire.header import WireHeader, tick_header, write_clock
 from vpsci_ros.wire.layout import EVENTS, PlanarMotion, motion_of
 from vpsci_ros.wire.markers import write_markers
 from vpsci_ros.wire.odometry import write_odometry, write_transforms
-from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
+from vpsci_ros.wire.world_state import StateContent, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
@@ -75,7 +75,7 @@ class WorldOutputs:
         header = tick_header(tick.number, self._period)
         self._node.simulated_at = header.at
         self._time.publish(write_clock(header))
-        self._state.publish(write_world_state(SerializedState(header, tick, self._period)))
+        self._state.publish(write_world_state(StateContent(header, tick, self._period)))
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))
         self._fixed_published = True

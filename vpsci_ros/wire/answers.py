@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 _U32 = struct.Struct("<I")
 
 
-class SerializedSafety(NamedTuple):
+class SafetyContent(NamedTuple):
     """The content of a serialized SafetyState."""
 
     header: WireHeader
@@ -28,7 +28,7 @@ class SerializedSafety(NamedTuple):
     critical: NDArray[np.uint8] | NDArray[np.bool_]
 
 
-class SerializedAction(NamedTuple):
+class ActionContent(NamedTuple):
     """The content of a serialized AgentAction."""
 
     header: WireHeader
@@ -38,7 +38,7 @@ class SerializedAction(NamedTuple):
     policy_version: int
 
 
-def read_safety_state(data: bytes, where: str = SAFETY) -> SerializedSafety:
+def read_safety_state(data: bytes, where: str = SAFETY) -> SafetyContent:
     """Return the content of a serialized SafetyState; see `vpsci_ros.wire.layout.safety_state` for its numbers.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
@@ -47,18 +47,18 @@ def read_safety_state(data: bytes, where: str = SAFETY) -> SerializedSafety:
     if count > len(data) - at:
         raise _broken_off(data, where)
     critical = np.frombuffer(data, np.uint8, count, at) if count else np.zeros(0, np.uint8)
-    return SerializedSafety(header, tick, curvttc, distance, critical)
+    return SafetyContent(header, tick, curvttc, distance, critical)
 
 
-def read_action(data: bytes, where: str) -> SerializedAction:
+def read_action(data: bytes, where: str) -> ActionContent:
     """Return the content of a serialized AgentAction; see `vpsci_ros.wire.layout.action` for its numbers.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
     """
-    return SerializedAction(*_read(data, where)[:5])
+    return ActionContent(*_read(data, where)[:5])
 
 
-def write_safety_state(safety: SerializedSafety) -> bytes:
+def write_safety_state(safety: SafetyContent) -> bytes:
     """Return a SafetyState of at least one episode, serialized."""
     data = write_start(safety.header, safety.tick)
     for values in (safety.curvttc, safety.distance, safety.critical):
@@ -66,7 +66,7 @@ def write_safety_state(safety: SerializedSafety) -> bytes:
     return padded(data, 4)
 
 
-def write_action(action: SerializedAction) -> bytes:
+def write_action(action: ActionContent) -> bytes:
     """Return an AgentAction of at least one episode, serialized."""
     data = with_numbers(with_numbers(write_start(action.header, action.tick), action.longitudinal), action.lateral)
     return data + _U32.pack(action.policy_version)

@@ -29,7 +29,7 @@ _MOTION = (
 )
 
 
-class SerializedState(NamedTuple):
+class StateContent(NamedTuple):
     """The content of a serialized WorldState."""
 
     header: WireHeader  # also for the answers to it
@@ -37,7 +37,7 @@ class SerializedState(NamedTuple):
     period: float  # [s] of a tick, unchecked
 
 
-def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> SerializedState:
+def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> StateContent:
     """Return the content of a serialized WorldState; values that no world can send are refused.
 
     :param where: the topic, which opens the message.
@@ -68,10 +68,10 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
     records = state.view(EPISODE)
     if not _in_range(records):  # at every tick, so one compiled look at all; this one finds out what is wrong
         _require_range(records, where)
-    return SerializedState(header, Tick(number, records, frame), period)
+    return StateContent(header, Tick(number, records, frame), period)
 
 
-def write_world_state(world: SerializedState) -> bytes:
+def write_world_state(world: StateContent) -> bytes:
     """Return a WorldState with this content, serialized."""
     state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
     _, sizes, places = _fields()
@@ -88,7 +88,7 @@ def write_world_state(world: SerializedState) -> bytes:
 def warm_up() -> None:
     """Compile or load all kernels of this module, so that no tick waits for it."""
     tick = Tick(0, np.zeros(1, EPISODE), np.zeros(1, np.bool_))
-    read_world_state(write_world_state(SerializedState(WireHeader(0, 0, ""), tick, 1.0)))
+    read_world_state(write_world_state(StateContent(WireHeader(0, 0, ""), tick, 1.0)))
 
 
 @cache

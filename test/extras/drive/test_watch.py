@@ -17,7 +17,7 @@ from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.watch import watch_graph
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.world_state import SerializedState, write_world_state
+from vpsci_ros.wire.world_state import StateContent, write_world_state
 from vpsci_ros.world.scenario import shipped_scenarios
 from vpsci_ros.world.state import EPISODE, RUNNING
 from vpsci_ros.world.tick import Tick
@@ -29,7 +29,7 @@ def state(frame: int) -> bytes:
     row = rows[1]
     row["scenario"], row["episode"], row["frame"], row["status"], row["pedestrians"] = 5, 7, frame, RUNNING, 1
     row["vehicle_speed"], row["pedestrian_x"] = 5.0, 10.0 + 4.69 / 2.0 + 0.3
-    return write_world_state(SerializedState(WireHeader(0, 0, "map"), Tick(frame, rows, np.zeros(2, bool)), 0.05))
+    return write_world_state(StateContent(WireHeader(0, 0, "map"), Tick(frame, rows, np.zeros(2, bool)), 0.05))
 
 
 def test_the_page_shows_the_episode_that_runs_with_its_road_and_its_curvttc(tmp_path: Path) -> None:

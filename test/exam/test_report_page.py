@@ -8,8 +8,8 @@ import pytest
 from exam.test_measures import CONFIG, drive
 
 from vpsci_ros.exam.measures import episode_table
-from vpsci_ros.exam.page import must_see, write_page
 from vpsci_ros.exam.report import make_report
+from vpsci_ros.exam.report_page import must_see, write_page
 from vpsci_ros.exam.result import Conduct, RunResult
 
 EXAM = {
