@@ -16,6 +16,7 @@ from typing import Any
 import browser as real
 import numpy as np
 import pytest
+from bags.rule_based import bag_of_the_rule_based_pair
 from fork_server import ForkedProcess, ForkServer
 from numpy.typing import NDArray
 from synthetic import block_of_pairs, synthetic_near_misses
@@ -158,24 +159,6 @@ def simulate() -> Callable[..., Iterator[SimulatedTick]]:
     return ticks
 
 
-def bag_of_the_rule_based_pair(bag: Path, episode_time: float) -> Path:
-    """Write a bag of the episodes 1:0, 6:4 and 1:2, one after the other."""
-    from vpsci_ros.bags.run_record import node_record
-    from vpsci_ros.bags.simulated import write_ticks
-    from vpsci_ros.parameters import values_of
-    from vpsci_ros.world import World, WorldConfig, load_scenarios
-    from vpsci_ros.world.loop import Loop
-
-    drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
-    config = WorldConfig(spawn="paper", episode_time=episode_time, **drivers)
-    queue = [(1, 0), (6, 4), (1, 2)]
-    world = World(config, load_scenarios([1, 6]), queue, 1, 3)
-    run = {"seed": 3, "scenarios": [1, 6], "batch": 1, "queue": queue}
-    nodes = [node_record("world_simulator", values_of(config) | run), node_record("safety_monitor", {})]
-    write_ticks(Loop(world), config, bag, {}, nodes)
-    return bag
-
-
 @pytest.fixture(scope="session")
 def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of three episodes by the rule-based pair; not to be changed."""
@@ -184,8 +167,8 @@ def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first two seconds of each of these episodes; not to be changed."""
-    return bag_of_the_rule_based_pair(tmp_path_factory.mktemp("short") / "bag", 2.0)
+    """The first half second of each of these episodes; not to be changed."""
+    return bag_of_the_rule_based_pair(tmp_path_factory.mktemp("short") / "bag", 0.5)
 
 
 @pytest.fixture(scope="session")
