@@ -38,11 +38,10 @@ def outcomes(weights, world):
 def test_in_the_papers_scenes_it_collides_less_than_the_papers_and_reaches_more_goals(weights):
     learned, control = outcomes(weights, PAPER)
     assert learned["critical_episodes"] == control["critical_episodes"] > 100
-    assert learned["collision_rate"] < 0.083  # the paper's
-    assert learned["collision_high"] < 0.12 < 0.6 < control["collision_low"]
+    assert learned["collision_high"] < 0.083 < 0.6 < control["collision_low"]
     assert learned["goal_low"] > 0.812 > control["goal_high"]
 
 
 def test_in_default_scenes_few_collide_where_half_would_without_a_reaction(weights):
     learned, control = outcomes(weights, WorldConfig())
-    assert learned["collision_high"] < 0.06 < 0.35 < control["collision_low"]
+    assert learned["collision_high"] < 0.12 < 0.35 < control["collision_low"]
