@@ -3,9 +3,10 @@
 The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
 (25)-(28), see `rewards`. What the actors follow is `objective`, see `objectives`.
 
-After every `refresh_every` updates the policies act by what is learned. What is kept is the running mean of the actors
-that acted: single ones swing between collisions and hesitation from refresh to refresh, their mean does not (Polyak and
-Juditsky 1992, Acceleration of Stochastic Approximation by Averaging). It does not change the training.
+After every `refresh_every` updates the policies act by what is learned. The weights that a training writes have the
+running mean of the actors that acted, which collides less than the last of them (docs/results.md; Polyak and Juditsky
+1992, Acceleration of Stochastic Approximation by Averaging). The mean does not act, so that it does not change the
+training.
 """
 
 import math
@@ -224,7 +225,7 @@ class Refiner:
         return dict(zip(names, self.reward_weights.values.ravel().tolist(), strict=True))
 
     def acting(self) -> Weights:
-        """Return the acting actors (of the last refresh) and the present critics."""
+        """Return the acting actors (of the last refresh), the present critics, and the held-out errors of the mean."""
         return self._described(self._acting)
 
     def averaged(self) -> Weights:
