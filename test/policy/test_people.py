@@ -131,6 +131,13 @@ def test_an_onset_lies_beyond_the_range_where_one_of_four_does() -> None:
     assert beyond(asked, reach).tolist() == [False, True, True, True, True, False]
 
 
+def test_no_angle_is_beyond_the_range_of_people_who_stood() -> None:
+    seen = np.zeros((50, SITUATION))
+    seen[:, 0], seen[:, 3] = 4.0, 5.0
+    asked = np.array([[4.0, 5.0, 0.0, angle] for angle in (0.0, 2.0, 180.0)])
+    assert not beyond(asked, range_of(onsets_of(seen))).any()
+
+
 def test_an_onset_of_the_map_frame_is_that_of_the_moment() -> None:
     heading, place = 0.7, np.array([3.0, 4.0])
     c, s = np.cos(heading), np.sin(heading)

@@ -49,11 +49,14 @@ def _quantities(speed: Floats, apart: Floats, heading: Floats, walk: Floats) -> 
 
 
 def range_of(onsets: Floats) -> Floats:
-    """Return the quantiles of onsets, float64[n, 4] -> float64[4, len(LEVELS)]; 0 to 180 where no angle is known."""
+    """Return the quantiles of onsets, float64[n, 4] -> float64[4, len(LEVELS)].
+
+    Where no onset has an angle, as of people who stand, the range is that of all angles, 0 to 180 degrees.
+    """
     out = np.empty((len(QUANTITIES), len(LEVELS)))
     for row, values in zip(out, onsets.T, strict=True):
         known = values[np.isfinite(values)]
-        row[:] = np.quantile(known if known.size else np.array([0.0, 180.0]), LEVELS)
+        row[:] = np.quantile(known, LEVELS) if known.size else np.linspace(0.0, 180.0, len(LEVELS))
     return out
 
 
