@@ -1,4 +1,4 @@
-"""Commands that other distributions, and the branches in `vpsci_ros/extras/`, add to `vpsci` by entry points."""
+"""Commands that other Python packages, and the folders of `vpsci_ros/extras/`, add to `vpsci` by entry points."""
 
 from typing import Any
 
@@ -12,14 +12,14 @@ COMMANDS = PluginGroup("vpsci_ros.commands", "command", typer.Typer, {})
 
 
 class WithAddedCommands(TyperGroup):
-    """The commands of this package, then the added ones; a command is imported when it is called or listed."""
+    """The built-in commands, then the added ones; an added one is imported when it is called or shown in the help."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
         return [*super().list_commands(ctx), *COMMANDS.names()]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of this name; None where there is none.
+        """Return the command named `cmd_name`; None where there is none.
 
         :raises InvalidInput: what is installed under this name cannot be imported, or is no application of Typer.
         """

@@ -56,7 +56,7 @@ def export(
     recover: Recover = False,
     topic_prefix: Prefix = None,
 ) -> None:
-    """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary.
+    """Write a bag's episodes as a dataset (files and columns as in the paper's Tables 6 and 7); print a summary.
 
     Without a selection the paper's four filters decide. A selection by number, outcome or CurvTTC overrides them.
     """

@@ -1,4 +1,4 @@
-"""The commands about generated datasets: `vpsci generate`, `vpsci report`, and `vpsci dataset` info, verify, bag."""
+"""The commands about generated datasets: `vpsci generate`, and `vpsci dataset` info, verify, bag."""
 
 import os
 from functools import partial
@@ -73,7 +73,7 @@ def generate(
 
 @dataset_app.command()
 def info(folder: Folder) -> None:
-    """Print Table 10 beside the paper's numbers, rejections by reason, and quartiles of the least CurvTTC."""
+    """Print a dataset's counts beside the paper's Table 10, rejections by reason, quartiles of the least CurvTTC."""
     from rich.console import Console
 
     from vpsci_ros.report.summary import print_info
@@ -119,7 +119,7 @@ def bag(
         list[str], typer.Option("--episode", metavar="SCENARIO:COUNT", help="An episode, say 6:12; repeatable.")
     ],
 ) -> None:
-    """Write chosen episodes as a bag (rosbag2, MCAP), with the topics of a graph."""
+    """Simulate chosen episodes of a dataset again and write them as a bag (rosbag2, MCAP) with a graph's topics."""
     from vpsci_ros.generate.bag import record_episodes
 
     chosen = []

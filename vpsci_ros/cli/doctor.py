@@ -1,4 +1,4 @@
-"""`vpsci doctor`: what is installed, what each missing extra would bring, and whether the middleware works here."""
+"""`vpsci doctor`: which extras are installed, what each is for, and whether the ROS 2 middleware works here."""
 
 import importlib.metadata
 import os
@@ -31,7 +31,7 @@ BRINGS = {
 
 
 def doctor() -> None:
-    """Print what is installed, what each missing extra brings, whether ROS 2 works here, and the kernel cache's size.
+    """Print which extras are installed and what each is for, the kernel cache's size, and whether ROS 2 works here.
 
     Exit status 1 where no message arrives.
     """
@@ -55,13 +55,13 @@ def doctor() -> None:
 
 
 def kernel_cache() -> tuple[Path, int]:
-    """Return the folder of all compiled kernels, and its size [bytes]."""
+    """Return the default folder of compiled kernels, and its size [bytes]."""
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vpsci_ros"
     return folder, sum(path.lstat().st_size for path in folder.rglob("*"))
 
 
 def _extras() -> dict[str, list[str]]:
-    """Return the names of the distributions that each extra brings."""
+    """Return extra -> names of the Python packages that it installs."""
     found: dict[str, list[str]] = {
         name: [] for name in importlib.metadata.metadata("vpsci_ros").get_all("Provides-Extra") or ()
     }

@@ -92,7 +92,7 @@ def ads_test(
 def examined_sections(
     params: Path, settings: list[str] | None, episodes: int | None, recorded: Path | None
 ) -> "Sections":
-    """Return the parameters of an exam with its options applied.
+    """Return the sections of an exam's parameter file with the options of `vpsci ads-test` applied.
 
     :raises InvalidInput: the file or an override is refused.
     """

@@ -60,7 +60,7 @@ ARGUMENTS = (
 
 
 class LaunchedRun(NamedTuple):
-    """A prepared run: its folder, parameter file and nodes.
+    """A run prepared for `ros2 launch`: its folder, parameter file and nodes.
 
     :ivar folder: output folder.
     :ivar parameters: file that all nodes take.

@@ -83,7 +83,7 @@ def evaluate(
         bool, typer.Option("--held-out", help="Measure only clips that neither has learned from.")
     ] = False,
 ) -> None:
-    """Print errors of both stages' policies on near misses, beside naive controls: Table 9's columns, two protocols.
+    """Print errors of the shipped and given policies on near misses, beside naive controls, in Table 9's columns.
 
     All near misses of the data count; give --held-out, or recordings that
     the weights have not seen.

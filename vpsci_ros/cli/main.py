@@ -74,7 +74,7 @@ def import_command(
         typer.Option("--check", help="Draw near misses to OUTPUT.png, print extent and speeds; import nothing."),
     ] = False,
 ) -> None:
-    """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
+    """Write a table of near misses from recordings: vehicle and pedestrian with CurvTTC below 5 s, at 0.1 s steps."""
     from vpsci_ros.data.importers import import_folders, named, print_import_summary, require_near_misses
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars
@@ -142,7 +142,7 @@ def demo(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier demo in the output folder.")] = False,
 ) -> None:
-    """Run all three stages, small, through the nodes; writes bags, tables and a page that plays the episodes."""
+    """Run short versions of all three stages by nodes; write bags, tables and a page that plays the episodes."""
     from vpsci_ros.cli.demo import run_demo
 
     run_demo(output, data, force=force)
@@ -156,7 +156,7 @@ def world_show(
     output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="PNG to write.")],
     seed: Annotated[int, typer.Option(help="Seed of the spawns in the picture.")] = 1,
 ) -> None:
-    """Draw a scenario: lane, crosswalk, routes, goals and where agents are spawned."""
+    """Draw a scenario as a PNG: lane, crosswalk, routes, goals and the places where agents are spawned."""
     from vpsci_ros.report.world_figures import save_scenario
     from vpsci_ros.world import load_scenario
 
@@ -193,7 +193,7 @@ for _panel, _name, _group, _line in (
 
 
 def main() -> None:
-    """Run the command line; an error of this package is one line on standard error.
+    """Run the command line; print an error of this package as one line on standard error.
 
     Exit status: 2 for refused input, 1 for a failure, 130 for an interrupt.
     """

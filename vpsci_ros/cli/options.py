@@ -22,7 +22,7 @@ Resumable = Annotated[Path, typer.Option("--output", "-o", help="Output folder: 
 
 
 def file_to_write(path: Path | None) -> Path | None:
-    """Return the value of an option that names an output file; a callback of `typer.Option`.
+    """Return the path given for an output file, or refuse it; a callback of `typer.Option`.
 
     :raises InvalidInput: no file can be written there, which is said before the work begins.
     """
@@ -81,13 +81,13 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def of_people(people: str | None) -> list[str]:
-    """Return the overrides (--set) with which both policies use one source of their banks; None: none."""
+    """Return the --set texts by which both policies use the source `people` of their banks; [] for None."""
     return [] if people is None else [f"{agent}_policy.people={people}" for agent in ("vehicle", "pedestrian")]
 
 
 @contextlib.contextmanager
 def stoppable(folder: Path) -> Iterator[None]:
-    """Print after Ctrl-C or SIGTERM where the results are and how to resume; exit with 130."""
+    """Context manager that, after Ctrl-C or SIGTERM, prints how to resume in `folder` and exits with status 130."""
     from vpsci_ros.errors import Stopped
 
     try:
@@ -98,7 +98,7 @@ def stoppable(folder: Path) -> Iterator[None]:
 
 
 def read_sections(params: Path, settings: list[str] | None, near_misses: list[Path] | None = None) -> "Sections":
-    """Return a parameter file's sections with overrides applied.
+    """Return a parameter file's sections with the --set texts and near-miss tables applied.
 
     :raises InvalidInput: the file or an override is refused.
     """

@@ -32,7 +32,7 @@ class Stage(NamedTuple):
     sets: Sequence[str] = ()
 
     def reads(self, section: str) -> set[str]:
-        """Return the names of the parameters that this stage reads from a section; `/**` is part of every section."""
+        """Return the names of the parameters that this stage reads from a section; for `/**`, from all sections."""
         parts = self.sections.values() if section == EVERY_NODE else [self.sections.get(section, ())]
         return {row.name for kinds in parts for kind in kinds for row in table(kind)}
 
@@ -72,7 +72,7 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Sections:
 
 
 def stage_of(sections: Mapping[str, Mapping[str, Any]]) -> Stage:
-    """Return the stage of these sections.
+    """Return the stage that reads these sections of a parameter file.
 
     :raises InvalidInput: learner.stage is not a stage.
     """

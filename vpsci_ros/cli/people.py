@@ -42,7 +42,7 @@ def people(
         ),
     ] = None,
 ) -> None:
-    """Make a bank of recorded reactions, for --weights or the parameter weights of a policy.
+    """Make a bank of recorded reactions, a file for --weights or for a policy's parameter `weights`.
 
     Takes seconds, and needs no torch. The tables must hold whole tracks, as
     `vpsci import` writes them. Without -o it lists the sources of banks, and

@@ -1,4 +1,4 @@
-"""Inputs of stages 1 and 2 by the sections of a parameter file: parameters, near misses and weights."""
+"""Inputs of stages 1 and 2 from the sections of a parameter file: configurations, near misses and weights."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ Stage2Inputs = tuple[LearnerConfig, RefineConfig, SimulationConfig, Weights, pl.
 
 
 def stage_1_inputs(sections: Sections) -> Stage1Inputs:
-    """Return the inputs of stage 1: parameters, near misses, and all parameters for the run's folder.
+    """Return the inputs of stage 1: its three configurations, near misses, and the sections to store with the run.
 
     :raises InvalidInput: a parameter or the near misses are refused, or the section is of stage 2.
     """
@@ -31,7 +31,7 @@ def stage_1_inputs(sections: Sections) -> Stage1Inputs:
 
 
 def stage_2_inputs(sections: Sections) -> Stage2Inputs:
-    """Return the inputs of stage 2: parameters, weights, near misses, their files, and all parameters.
+    """Return the inputs of stage 2: configurations, weights, near misses, files of both, and the sections to store.
 
     :raises InvalidInput: a parameter, the weights or the near misses are refused, or the section is of stage 1.
     """
@@ -47,7 +47,7 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
 
 
 def stage_2_parameters(sections: Sections) -> tuple[LearnerConfig, RefineConfig, SimulationConfig]:
-    """Return the parameters of stage 2 alone, for a study with its own weights and near misses.
+    """Return the configurations of stage 2 alone, for a study with its own weights and near misses.
 
     :raises InvalidInput: a parameter is refused, or the section is of stage 1.
     """

@@ -89,7 +89,7 @@ def _run(folder: Path, run: RunFolder, bar: StageBar, learn: Callable[[StageBar]
 
 
 def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | None, *, held_out: bool = False) -> None:
-    """Measure models and controls on near misses, print the table, write the JSON.
+    """Measure policies and naive controls on near misses, print the table, and write the numbers to `json_path`.
 
     :param models: policies beside the shipped ones, [NAME=]FILE.
     :param data: near-miss table, or a folder of recordings in one of the importers' formats.
