@@ -1,7 +1,7 @@
 """One agent for your own engine: the default pedestrian or the default driver, without ROS and torch.
 
 At each step your engine passes the states of all road users (`Vehicle`, `Walker`) to `Pedestrian` or `Driver`, which
-returns its motion to the next step. With the same seed, episode and inputs it is bit-identical to that of our world.
+returns its motion to the next step. With the same seed, episode and inputs the motion is that of our world, to the bit.
 docs/pedestrian.md has an example.
 """
 

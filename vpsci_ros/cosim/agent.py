@@ -1,4 +1,4 @@
-"""The base of both agents: a world of one episode, whose state another engine overwrites between ticks."""
+"""The base of `Pedestrian` and `Driver`: a world of one episode, whose state your engine overwrites between ticks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -45,7 +45,7 @@ class Person(NamedTuple):
 
 
 class Body:
-    """One episode in a world of `MOST` rows, in which another engine places all road users.
+    """One episode with a row for each of at most `MOST` pedestrians; your engine places all road users.
 
     :param agent: "vehicle" or "pedestrian": the agent that the policy moves.
     :param number: of the pedestrian within its episode; its row.
@@ -84,23 +84,23 @@ class Body:
 
     @property
     def record(self) -> np.void:
-        """The agent's EPISODE record, a view; created at each access, since copies of the body would lose it."""
+        """The agent's EPISODE record, a view into `state`; made at each access, as a copied body has its own state."""
         record: np.void = self.state[self._number]
         return record
 
     def person(self, speed: float) -> Person:
-        """Return the drawn person; fields that are drawn at the hand-over are empty before it."""
+        """Return the drawn person with this `speed` [m/s]; before the hand-over, `recorded` is -1, `beyond` None."""
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
         return Person(kind, speed, delay, self.agent.recorded(self._number), self.agent.beyond(self._number))
 
     def begin(self, **values: float) -> None:
-        """Overwrite fields of all rows, before the first tick."""
+        """Overwrite these fields of the state in all rows."""
         for name, value in values.items():
             self.state[name] = value
 
     def put_vehicle(self, vehicle: Vehicle) -> None:
-        """Write a vehicle with known curvature and acceleration into all rows."""
+        """Write a vehicle into all rows; its curvature and acceleration are not None."""
         for name in ("x", "y", "heading", "speed", "curvature", "acceleration"):
             self.state[f"vehicle_{name}"] = getattr(vehicle, name)
 
@@ -113,7 +113,7 @@ class Body:
         self.state["pedestrians"] = len(walkers)
 
     def locate(self, what: str, x: float, y: float) -> None:
-        """Project the "vehicle" or the "pedestrian" onto its path, unless its position is that of the world."""
+        """Project the place (x, y) of "vehicle" or "pedestrian" onto its path, unless the world has it there now."""
         record = self.record
         if (record[f"{what}_x"], record[f"{what}_y"]) == (x, y):
             return
@@ -131,7 +131,7 @@ class Body:
         self.state[name][self.rows(what)] = place
 
     def rows(self, what: str) -> slice:
-        """Return the rows of an agent; the vehicle is in all of them."""
+        """Return the rows of `state` that "vehicle" (all rows) or "pedestrian" (its own row) is in."""
         return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
 
     def tick(self, ttc: NDArray[np.float64], distance: NDArray[np.float64], parked: NDArray[np.float64]) -> None:
@@ -150,14 +150,14 @@ class Body:
         self.world.advance(assessment, actions)
 
     def seen(self, vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
-        """Return CurvTTC [s] and distance of the centres [m], float64[n] each; one agent may be paired with many."""
+        """Return CurvTTC [s] and centre distance [m] of n pairs, float64[n] each; one agent pairs with n others."""
         cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
         ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7])
         return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)
 
 
 class Clock:
-    """Division of an engine's steps into ticks; steps may be shorter or longer than ticks.
+    """Division of your engine's steps into ticks of the world; steps may be shorter or longer than ticks.
 
     The agent decides every tick. For a tick that begins within a step, all others keep their motion since the
     beginning of that step.
@@ -168,7 +168,7 @@ class Clock:
         self.left = 0  # [ns] of the present tick
 
     def parts(self, period: int) -> list[tuple[bool, int, float]]:
-        """Return the parts of a step of `period` [ns]: whether a tick begins, its length [ns], when it begins [s]."""
+        """Return the parts of a step of `period` [ns]: (whether a tick begins, length [ns], begin in the step [s])."""
         parts, gone = [], 0
         while gone < period:
             begins = self.left == 0

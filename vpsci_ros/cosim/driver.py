@@ -30,13 +30,13 @@ from vpsci_ros.world.people import GREATEST_CAR, LEAST_CAR
 
 
 class Drive(NamedTuple):
-    """A driver's motion to the next step, and its reason.
+    """The vehicle's motion to the next step, and the pedestrian and CurvTTC that are the reason for it.
 
     :ivar x, y, heading: [m, rad] at the next step, for engines that place bodies.
     :ivar speed: [m/s] at the next step.
     :ivar acceleration: [m/s2] mean over the step.
     :ivar curvature: [1/m] of its path, positive to the left.
-    :ivar steer, throttle, brake: of the last tick, -1 (right) to 1 (left), 0 to 1, 0 to 1, of a Model 3.
+    :ivar steer, throttle, brake: of the last tick, -1 (right) to 1 (left), 0 to 1, 0 to 1, of a Tesla Model 3.
     :ivar curvttc: [s] to the pedestrian that it faces, at the beginning of the step; infinity without a contact.
     :ivar faces: key of that pedestrian; None without one.
     :ivar controlled: whether the policy drives, rather than the autopilot.
@@ -59,7 +59,7 @@ class Drive(NamedTuple):
 
 
 class Driver:
-    """One default driver of a Model 3 in its lane; give exactly one of `scenario` and `lane`.
+    """One default driver of a Tesla Model 3 in its lane; give exactly one of `scenario` and `lane`.
 
     The autopilot drives until CurvTTC of a visible pedestrian falls below 5 s. Then the policy sets the speed,
     until 3 s after the last critical tick. The driver keeps its lane and does not see other vehicles.
@@ -67,7 +67,7 @@ class Driver:
     :param weights: a file, a name shipped with the package, or `Weights`.
     :param seed: of every random draw; with `episode` and the scenario's number it determines the person.
     :param scenario: one of ours by number, name, file or value.
-    :param lane: float[N, 2] [m], centreline of its lane, with bends of 6.2 m at least.
+    :param lane: float[N, 2] [m], centreline of its lane, with bends of a radius of 6.2 m or more.
     :param speed: [m/s] with nothing near; None: drawn from recorded right turns, 0.4 to 5.6.
     :param config: periods and hand-over; its drivers are ignored.
     :param policy: random draws; None: by `seed`.
@@ -109,13 +109,13 @@ class Driver:
 
     @property
     def start(self) -> Vehicle:
-        """The driver's vehicle: at first at the spawn of the scenario's episode, then as `step` last returned it."""
+        """The vehicle's state: before the first step at the spawn, later at the end of the last tick begun."""
         names = ("x", "y", "heading", "speed", "curvature", "acceleration")
         return Vehicle(*(float(self._body.record[f"vehicle_{name}"]) for name in names))
 
     @property
     def person(self) -> Person:
-        """The drawn person; fields drawn at the hand-over are empty before it."""
+        """The drawn person; before the hand-over, `recorded` is -1 and `beyond` is None."""
         return self._body.person(float(self._body.record["cruise_throttle"]) * self._full)
 
     def step(
@@ -127,7 +127,7 @@ class Driver:
     ) -> Drive:
         """Return the vehicle's motion to the next step.
 
-        :param own: its present state; the sizes are the Model 3's.
+        :param own: its present state; the sizes are the Tesla Model 3's.
         :param pedestrians: states by key; a key names the same pedestrian in every step. The nearest `MOST` count; the
             driver reacts to the visible one with the least CurvTTC.
         :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of vehicles that hide pedestrians; None:

@@ -35,7 +35,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 
 
 def require_kinds(who: str, given: Mapping[str, Any]) -> None:
-    """Refuse arguments of an agent's constructor that have another type than it takes.
+    """Refuse an argument of a wrong type to the constructor of `Pedestrian` or `Driver`.
 
     :raises InvalidInput: names the first one.
     """
@@ -77,7 +77,7 @@ Agent = TypeVar("Agent", Vehicle, Walker)
 
 
 def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
-    """Return the checked value `given` of the type `kind`, with its numbers as floats.
+    """Check a `Vehicle` or `Walker`, and return it with its numbers as floats.
 
     :raises InvalidInput: another type, numbers beyond `GREATEST`, or a size that is not above 0; `who` names its owner.
     """
@@ -101,7 +101,7 @@ def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
 
 
 def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agent]:
-    """Return checked states by key.
+    """Check vehicles or pedestrians by key, and return them with their numbers as floats.
 
     :raises InvalidInput: not a mapping, or as `checked`.
     """
@@ -114,7 +114,7 @@ def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agen
 
 
 def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
-    """Return checked parked vehicles, float64[K, 5]: x, y [m], heading [rad], length, width [m]; None for None.
+    """Check parked vehicles and return float64[K, 5]: x, y [m], heading [rad], length, width [m]; None for None.
 
     :raises InvalidInput: another shape, numbers beyond `GREATEST`, or sizes that are not above 0.
     """
@@ -127,7 +127,7 @@ def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
 
 
 def checked_period(period: Any) -> int:
-    """Return a checked time step in nanoseconds.
+    """Check a time step [s] and return it in nanoseconds.
 
     :raises InvalidInput: not a number of seconds from 0.001 to 2.
     """
@@ -140,13 +140,13 @@ def checked_period(period: Any) -> int:
 
 
 class Tracks:
-    """The vehicles of the previous step, to compute missing curvatures and accelerations."""
+    """The vehicles of the previous step, from which missing curvatures and accelerations are computed."""
 
     def __init__(self) -> None:
         self._last: dict[Hashable, Vehicle] = {}
 
     def completed(self, vehicles: dict[Hashable, Vehicle], since: float) -> dict[Hashable, Vehicle]:
-        """Return vehicles with curvature and acceleration; a reversing vehicle gets the opposite heading.
+        """Return vehicles with known curvature and acceleration; a reversing one as driving forward the other way.
 
         :param since: time since the step before [s]; 0 at the first one.
         """

@@ -36,7 +36,7 @@ from vpsci_ros.world.people import LEAST_WALK
 
 
 class Walk(NamedTuple):
-    """A pedestrian's motion to the next step, and its reason.
+    """The pedestrian's motion to the next step, and the vehicle and CurvTTC that are the reason for it.
 
     :ivar x, y: [m] at the next step, for engines that place bodies.
     :ivar vx, vy: [m/s] at the next step.
@@ -113,7 +113,7 @@ class Pedestrian:
 
     @property
     def start(self) -> Walker:
-        """The pedestrian: at first at the spawn of the scenario's episode, then as `step` last returned it.
+        """The pedestrian's state: before the first step at the spawn, later at the end of the last tick begun.
 
         :raises InvalidInput: before the first step of a pedestrian with a `goal`.
         """
@@ -122,7 +122,7 @@ class Pedestrian:
 
     @property
     def person(self) -> Person:
-        """The drawn person; fields drawn at the hand-over are empty before it."""
+        """The drawn person; before the hand-over, `recorded` is -1 and `beyond` is None."""
         body = self._made_body()
         return body.person(float(body.record["walking_speed"]))
 

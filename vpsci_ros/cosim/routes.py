@@ -1,4 +1,4 @@
-"""The scenario of an agent: one of this package, or one made from a route in another map."""
+"""The scenario of a `Pedestrian` or `Driver`: one of this package, or one made from a route in your map."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ SHORTEST = 1.0  # [m]
 
 
 def named_scenario(scenario: int | str | Path | Scenario) -> Scenario:
-    """Return the scenario given by number, name, file or value.
+    """Return the scenario given by its number, its name, a YAML file, or as a `Scenario`.
 
     :raises InvalidInput: no such scenario.
     """
