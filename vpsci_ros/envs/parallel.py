@@ -66,17 +66,17 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         self._last: Snapshot | None = None
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """Return the space of (6) or (7)."""
+        """Return the space of an agent's observations, equation (6) or (7): float32[6], each within +-500."""
         return self._observation_space
 
     def action_space(self, agent: str) -> spaces.Box:
-        """Return the space of accelerations, -5 to 5 m/s2."""
+        """Return the space of an agent's accelerations (longitudinal, lateral): float32[2], -5 to 5 m/s2."""
         return self._action_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Start an episode, as `RightTurnEnv.reset` does; other options are ignored, by PettingZoo's contract."""
+        """Start an episode as `RightTurnEnv.reset` does, but ignore options other than scenario and episode."""
         if seed is not None:
             self._simulation.seed(0, seed)
         known: dict[str, Any] = {key: value for key, value in (options or {}).items() if key in ("scenario", "episode")}
@@ -111,7 +111,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"."""
+        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"; otherwise None."""
         if self.render_mode is None or self._last is None:
             return None
         return self._views.image(self._last.state[0])
@@ -134,5 +134,5 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
 
 
 def parallel_env(**kwargs: Any) -> VehiclePedestrianEnv:
-    """Return the environment; PettingZoo's tools expect this function's name."""
+    """Return a `VehiclePedestrianEnv`; PettingZoo's tools expect a function of this name."""
     return VehiclePedestrianEnv(**kwargs)

@@ -16,7 +16,7 @@ _CANVAS = 2 * SIZE
 
 
 class View:
-    """One scenario from above, drawn at twice its size and scaled down, so that edges are smooth."""
+    """One scenario from above, drawn at twice the size of the image and scaled down, so that edges are smooth."""
 
     def __init__(self, scenario: Scenario) -> None:
         lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
@@ -31,7 +31,7 @@ class View:
             draw.polygon(self._pixels(scenario.crosswalk), STRIPES, outline=ROAD)
 
     def image(self, record: np.void) -> NDArray[np.uint8]:
-        """Return uint8[480, 480, 3] for one EPISODE record."""
+        """Return the scene of one EPISODE record from above, uint8[480, 480, 3]."""
         picture = self._ground.copy()
         draw = ImageDraw.Draw(picture)
         c, s = np.cos(record["vehicle_heading"]), np.sin(record["vehicle_heading"])
@@ -59,7 +59,7 @@ class Views:
         self._drawn: dict[int, View] = {}
 
     def image(self, record: np.void) -> NDArray[np.uint8]:
-        """Return uint8[480, 480, 3] for one EPISODE record of one of the scenarios."""
+        """Return the scene of one EPISODE record, of any of the scenarios, from above, uint8[480, 480, 3]."""
         number = int(record["scenario"])
         if number not in self._drawn:
             self._drawn[number] = View(self._scenarios[number])

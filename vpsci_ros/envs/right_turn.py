@@ -23,7 +23,7 @@ ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
 class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """An environment of one episode at a time; `vpsci_ros.envs.task` has observation, action and reward.
+    """The right-turn environment, one episode at a time; `vpsci_ros.envs.task` has observation, action and reward.
 
     A step is the policy period, 0.1 s. An episode terminates on collision, at the vehicle's goal and off the lane, and
     is truncated after `episode_time` (30 s). `reset(seed=...)` starts episode 0 of that seed, each later reset the
@@ -58,7 +58,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start an episode; the class describes its arguments.
+        """Start an episode; the class's docstring describes `seed` and `options`.
 
         :raises InvalidInput: an option other than scenario and episode.
         """
@@ -80,7 +80,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info(self._last)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"."""
+        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"; otherwise None."""
         if self.render_mode is None or self._last is None:
             return None
         return self._views.image(self._last.state[0])
@@ -107,7 +107,7 @@ def check_render_mode(render_mode: str | None) -> None:
 
 
 def chosen_episode(options: dict[str, Any] | None) -> tuple[int, int] | None:
-    """Return the (scenario number, episode number) that reset options choose, or None.
+    """Return the (scenario number, episode number) that options of `reset` choose; None without options.
 
     :raises InvalidInput: other options, or only one of the two.
     """

@@ -44,7 +44,7 @@ class Simulation:
 
     :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
-        "social_force"; "external" to give its actions to `step`; or an agent that another distribution adds.
+        "social_force"; "external" to give its actions to `step`; or an agent that another Python package adds.
     :param weights: of the default pedestrian: a file, a name shipped with the package, or `Weights`.
     :param always_critical: policies act from the first frame, critical or not.
     :raises InvalidInput: an unknown driver, scenario or weights file.
@@ -82,7 +82,7 @@ class Simulation:
         self._seeds = [0] * batch
 
     def seed(self, slot: int, seed: int) -> None:
-        """Restart this slot's sequence with episode 0 of `seed`.
+        """Give this slot a new seed: the next `start` of the slot begins episode 0 of `seed`.
 
         :raises InvalidInput: a seed that is not from 0 to 2^63 - 1.
         """
@@ -94,7 +94,7 @@ class Simulation:
         self._begun[slot] = 0
 
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
-        """Start the next episode of each of these slots, or `episode` (scenario number, episode number) in all."""
+        """Start the next episode of each of these slots, or in all of them `episode`, (scenario, episode number)."""
         episodes = [episode or self._following(slot) for slot in slots]
         self.world.place(slots, episodes, [self._seeds[slot] for slot in slots])
 

@@ -103,7 +103,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         return observation, reward, terminated, truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return the scenes from above, uint8[480, 480, 3] each, in render mode "rgb_array"."""
+        """Return the scenes from above, uint8[480, 480, 3] each, in render mode "rgb_array"; otherwise None."""
         if self.render_mode is None or self._last is None:
             return None
         return tuple(self._views.image(record) for record in self._last.state)
