@@ -35,7 +35,7 @@ _LEAVES = 1.0  # [s] that the process has to end by itself
 
 
 class ClassProcess:
-    """The process of a class.
+    """The process in which a driving system's class answers.
 
     :param patience: for an answer [s].
     :ivar path: of the file that defines the class; empty: there is none.
@@ -48,7 +48,7 @@ class ClassProcess:
         self.path: str = self._first("while its module was imported")
 
     def make_drivers(self, scenarios: Sequence[Scenario], cars: int, spawn: str) -> None:
-        """Create an object of the class for each car, see `Cockpit`.
+        """Create an object of the class for each car in the process, see `Cockpit`.
 
         :raises InvalidInput: it cannot be made.
         """
@@ -57,7 +57,7 @@ class ClassProcess:
         self._first("while its objects were made")
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
-        """Yield the answer to each scene; after the process has ended, the answer is an error."""
+        """Yield the answer to each scene, in their order; after the process has ended, each answer is an error."""
         with contextlib.suppress(OSError):
             self._connection.send(scenes)
         for _ in scenes:
@@ -131,7 +131,7 @@ def class_process(text: str, log: Path, patience: float) -> Iterator[ClassProces
 
 
 def files_of_class(text: str) -> dict[str, str]:
-    """Return the file that defines the class MODULE:CLASS, with its SHA-256.
+    """Return name -> SHA-256 of the file that defines the class MODULE:CLASS; empty if there is no file.
 
     :raises InvalidInput: there is no such class, or it is no driver.
     """
@@ -141,7 +141,7 @@ def files_of_class(text: str) -> dict[str, str]:
 
 
 def main(descriptor: int, text: str) -> None:
-    """Answer in the process of the class until the connection ends (the main loop)."""
+    """Run the main loop of the class's process: answer scenes until the connection ends."""
     connection, own = Connection(descriptor), os.getpid()
 
     def say(what: Any) -> None:

@@ -23,7 +23,7 @@ _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hard
 
 
 class Earlier(NamedTuple):
-    """An earlier exam that an exam is compared with.
+    """An earlier exam, with which a new exam is compared.
 
     :ivar rows: of its driving system, a row an episode.
     """
@@ -34,7 +34,7 @@ class Earlier(NamedTuple):
 
 
 def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earlier:
-    """Return the earlier exam with which an exam is compared.
+    """Return the earlier exam in `folder`, after a check that `exam` can be compared with it.
 
     :param identity: of the exam.
     :param folder: of the earlier exam.
@@ -72,7 +72,7 @@ def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]:
-    """Return the verdict as JSON values, by pedestrian; `not_compared` are those without an episode in common.
+    """Return the comparison as JSON values, by pedestrian; `not_compared`: pedestrians without a common episode.
 
     :param table: a row an episode, of the exam.
     """
@@ -103,7 +103,7 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
 
 
 def failing(report: Mapping[str, Any], table: pl.DataFrame) -> Failing:
-    """Return the episodes that a report lists: those that changed since an earlier exam, or else the failures.
+    """Return the episodes that a report lists: fixed, newly and still failing since an earlier exam, or all failing.
 
     :param report: what report.json holds; `table`: a row an episode.
     """

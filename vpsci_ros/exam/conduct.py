@@ -46,7 +46,7 @@ def run_with_all(
     quiet: bool,
     what: str = "",
 ) -> dict[str, RunResult]:
-    """Run the driving system with each pedestrian; a finished run in `folder` is only read.
+    """Return the driving system's result with each pedestrian; a finished run in `folder` is read, not repeated.
 
     After a run in which not one episode is driven no other begins: its failure is said once.
 
@@ -77,7 +77,7 @@ def run_with_all(
 
 
 def conductor(parts: Sequence[Exam], titles: Mapping[Run, str], folder: Path) -> Callable[[Run], RunResult]:
-    """Return the function that runs a part of an exam with one pedestrian.
+    """Return a function that does a `Run`, one part of an exam with one pedestrian, and returns its result.
 
     :param titles: of the runs, for the progress; a run without one is quiet.
     """
@@ -114,7 +114,7 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
-    """Return the results of the parts of a run as one."""
+    """Return the results of all parts of an exam with one pedestrian, of `wanted` episodes, as one result."""
     conducts = [result.conduct for result in results]
     failures = [conduct.failure for conduct in conducts if conduct.failure]
     others = f" (so did {len(failures) - 1} more of its runs)" if len(failures) > 1 else ""
@@ -133,13 +133,13 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
 
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
-    """Return whether the run of a part with a pedestrian is finished in this folder."""
+    """Return whether the exam's run with the pedestrian `name` is finished in `folder`."""
     record = read_record(run_folder(folder, name, exam.part) / RUN_RECORD)
     return record is not None and not record["error"]
 
 
 def read_or_make_result(exam: Exam, folder: Path, name: str) -> RunResult:
-    """Return the result of a run: its ended episodes, without those that the autopilot had to finish.
+    """Return the result of a run with the pedestrian `name`, from its file or, without one, made of its bag.
 
     A graph's run that was stopped before its result was written has it made of its bag, and written.
 

@@ -36,7 +36,7 @@ TITLES = {
 
 
 def added_pedestrians() -> tuple[str, ...]:
-    """Return the names of the agents that other distributions add."""
+    """Return the names of the agents that other installed Python packages add."""
     return tuple(name for name in AGENT_TYPES.names() if name != LEARNED)
 
 
@@ -98,6 +98,6 @@ class ExamConfig:
 
     @property
     def opponents(self) -> list[str]:
-        """The pedestrians of the exam, recorded motion after the default pedestrian."""
+        """The names of the exam's pedestrians, in the order of `DRIVERS`, then those that other packages add."""
         names = {*self.pedestrians, *(["recorded"] if self.recorded else [])}
         return [name for name in (*DRIVERS, *added_pedestrians()) if name in names]

@@ -1,4 +1,4 @@
-"""Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating code, then checked on a report."""
+"""Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating code, then compared with a report."""
 
 import difflib
 import math

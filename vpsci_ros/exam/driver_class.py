@@ -44,7 +44,7 @@ class Begin(NamedTuple):
 
 @dataclass(frozen=True)
 class Observation:
-    """The argument of `act`: one tick, bit-identical to the topics.
+    """The argument of `act`: the values of one tick, bit-identical to those on the ROS topics.
 
     :ivar time: since the episode began [s].
     :ivar vehicle: of `/vehicle/odometry`: x, y [m], yaw [rad], speed [m/s], yaw_rate [rad/s].
@@ -62,7 +62,7 @@ class Observation:
     _tables: Tables
 
     def of_environment(self) -> NDArray[np.float32]:
-        """Return the observation of the Gymnasium environment, float32[21], see `vpsci_ros.envs.task`."""
+        """Return this tick as the observation of `RightTurnEnv`, float32[21], see `vpsci_ros.envs.task`."""
         from vpsci_ros.envs.task import observe
 
         nearest = self._curvttc.argmin()
@@ -74,7 +74,7 @@ class Driver(Protocol):
     """Interface of a driving system; its constructor takes no argument."""
 
     def reset(self, begin: Begin) -> None:
-        """Begin an episode."""
+        """Prepare for the episode `begin`."""
 
     def act(self, observation: Observation) -> Any:
         """Return the command at this tick, see `command_of_answer`."""
@@ -91,7 +91,7 @@ _RANGES = {
 
 
 def command_of_answer(answer: Any) -> tuple[str, tuple[float, ...]]:
-    """Return the command of an answer: "vehicle" with two numbers, or "vehicle_control" with three.
+    """Return the command in an answer of `act`: ("vehicle", two numbers) or ("vehicle_control", three numbers).
 
     :param answer: acceleration along the car [m/s2]; or along it and to its left; or steer, throttle and brake.
     :raises InvalidInput: something else, or out of the range of the topic with the same command.
@@ -120,19 +120,19 @@ def _numbers(answer: Any) -> tuple[float, ...]:
 
 
 def as_odometry(record: np.void, agent: str) -> PlanarMotion:
-    """Return "vehicle" or "pedestrian" of an EPISODE record, bit-identical to its odometry topic."""
+    """Return the motion of the `agent` in an EPISODE record, bit-identical to the values on its odometry topic."""
     motion = motion_of(record, agent)
     return motion._replace(yaw=2.0 * math.atan2(*motion.quaternion))
 
 
 def as_object(seen: np.void) -> PlanarMotion:
-    """Return an object, an OBJECT record, with the float32 values of its point in `/perception/objects`."""
+    """Return the motion of an OBJECT record, with the float32 values of its point in `/perception/objects`."""
     x, y, vx, vy = (float(np.float32(seen[name])) for name in ("x", "y", "vx", "vy"))
     return PlanarMotion(x, y, math.atan2(vy, vx), math.hypot(vx, vy), 0.0)
 
 
 def find_driver(text: str) -> type[Driver]:
-    """Return the class that MODULE:CLASS names; a module may lie in the working directory.
+    """Return the class that MODULE:CLASS names; MODULE is installed or lies in the working directory.
 
     :raises InvalidInput: another form, no such module or class, one that cannot be imported, or no driver.
     """
@@ -167,7 +167,7 @@ def find_driver(text: str) -> type[Driver]:
 
 
 class Scene(NamedTuple):
-    """One episode at one tick.
+    """One tick of one episode, which the driver of the episode's car answers.
 
     :ivar car: number of the car, and of its driver.
     :ivar begins: number of the scenario, number of the episode and seed, at its first tick; else None.
@@ -187,7 +187,7 @@ class Scene(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """The answer to a scene.
+    """A driver's answer to a scene: a command, or the reason why there is none.
 
     :ivar form, values: of the command, see `command_of_answer`; without one the form is empty.
     :ivar error: why there is no command.

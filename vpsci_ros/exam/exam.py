@@ -65,7 +65,7 @@ class Exam:
 
     @property
     def in_process(self) -> bool:
-        """Whether the system drives through the loop, without ROS."""
+        """Whether the exam simulates in its own process and calls the driver at each tick, without ROS."""
         return self.driver is not None or bool(self.config.ads_class)
 
     @property
@@ -75,22 +75,22 @@ class Exam:
 
     @property
     def opponents(self) -> list[str]:
-        """The pedestrians of the runs in order; the first run is on an empty road, the reference of the time lost."""
+        """The pedestrians of the runs, in order: first "alone" (an empty road) unless a person drives."""
         return [*([] if self.person else [ALONE]), *self.config.opponents]
 
     @property
     def episodes(self) -> list[Key]:
-        """The episodes of the exam, which are the same with each pedestrian."""
+        """The (scenario, episode) numbers of the exam's episodes, the same with each pedestrian."""
         return list(self.run.queue())
 
     def only(self, keys: Sequence[Key]) -> "Exam":
-        """Return the exam on these episodes alone."""
+        """Return the exam restricted to these episodes."""
         listed = [number for key in keys for number in key]
         sections = self.sections.changed("world_simulator", {"only": listed})
         return dataclasses.replace(self, sections=sections, run=dataclasses.replace(self.run, only=listed))
 
     def parts(self) -> list["Exam"]:
-        """Return the parts of the exam; each is one run, for any number of workers."""
+        """Return the exam in parts, one run each; the division does not depend on the number of workers."""
         keys, most = self.episodes, 1 if self.person else SIDE_BY_SIDE if self.config.ads_class else PART
         if len(keys) <= most:
             return [self]
@@ -114,11 +114,11 @@ class Exam:
 
     @property
     def weights(self) -> Path:
-        """Weights of the default pedestrian."""
+        """File of the default pedestrian's weights or bank."""
         return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
 
     def reach(self, pedestrian: str) -> NDArray[np.float64] | None:
-        """Return the range of a pedestrian's recorded onsets, float64[4, 5]; None if it does not act by a bank."""
+        """Return a pedestrian's quantiles of recorded onsets, float64[4, 5], see `onset_range`; None without a bank."""
         config = self.sections.get(PolicyConfig, "pedestrian_policy")
         policy = load_policy(self.weights) if pedestrian == LEARNED else None
         return policy.of(config.people).reach if isinstance(policy, Bank) else None
@@ -136,19 +136,19 @@ class Exam:
         return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> Motion:
-        """Return the motion of a replayed pedestrian: a recording, or an absent pedestrian."""
+        """Return each episode's motion of a replayed pedestrian: a recorded one, or one far away (empty road)."""
         if pedestrian == ALONE:
             return absent_pedestrians(self.spawns())
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
         return recorded_people(read_near_misses(path), self.spawns(), self.scenarios, world, self.run.seed, path)
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
-        """Return the spawns of the episodes, EPISODE[n * P], P rows for each with several pedestrians."""
+        """Return the states at the spawns of n episodes, EPISODE[n * P], with P pedestrians an episode."""
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
 def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: int = 1) -> Exam:
-    """Check everything that can be checked before anything runs.
+    """Return the exam that the parameters describe, after all checks that are possible before a run.
 
     :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
     :param workers: runs side by side.
@@ -183,7 +183,7 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
 
 
 def require_lock_step(exam: Exam) -> None:
-    """Refuse real time for a system that is called at every tick, however long it takes.
+    """Refuse the real-time mode for a system that is called at every tick: the world always waits for its answer.
 
     :raises InvalidInput: the world would not wait for it.
     """
@@ -227,7 +227,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = EXAM) -> None:
-    """Begin or resume this exam in the folder.
+    """Store the exam's identity in a new folder, or check that the folder has an exam with the same identity.
 
     :param name: of the file that says what it is.
     :raises InvalidInput: it holds something else.

@@ -35,7 +35,7 @@ DYING = 1.0  # [s] from the last command of a system that ends to its end
 
 
 def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
-    """Return a context manager that reserves a ROS domain for the exam's graphs; an empty one without graphs."""
+    """Return a context manager that reserves a ROS domain for the exam; an empty one if external or without ROS."""
     if exam.in_process or exam.config.ads == EXTERNAL:
         return contextlib.nullcontext()
     from vpsci_ros.nodes.domain import own_domain
@@ -44,7 +44,7 @@ def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
 
 
 def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> Bag | None:
-    """Run the graph with one pedestrian in the folder `run`; its record has a failure of the system.
+    """Run the graph with one pedestrian in the folder `run`, whose run.json says why the driving system failed.
 
     :param log: for what the system writes.
     :returns: the bag of a run without a failure, which is whole; None of another.
@@ -87,7 +87,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
 
 
 def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
-    """Return the world's counts; None if it has reported none."""
+    """Return the counts that the world simulator has reported; None if it has reported none."""
     return nodes["world_simulator"].counts if "world_simulator" in nodes else None
 
 
@@ -116,7 +116,7 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
 def result_of_graph(
     exam: Exam, name: str, bag: Path, record: Mapping[str, Any], recording: Bag | None = None
 ) -> RunResult:
-    """Return the result of a graph's run: the episodes of its bag, without those that the autopilot had to finish.
+    """Return the result of a graph's run: episodes of its bag with fewer than 20 ticks unanswered by the ADS.
 
     :param record: of the run.
     :param recording: the bag, opened by `run_in_graph`; None: to be opened here.
@@ -155,7 +155,7 @@ def result_of_graph(
 def episodes_in_bag(
     bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None
 ) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of a bag, and the first critical pedestrian of each.
+    """Return the episodes of a bag, and the first critical pedestrian of each critical one.
 
     :param take_events: called with the EVENT[n] of each message of events.
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.

@@ -45,7 +45,7 @@ _SIDE_BY_SIDE = 64  # episodes of the autopilot
 
 
 def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:
-    """Return the loop of a driver and a pedestrian in this process.
+    """Return the simulation loop of these episodes with one pedestrian, in this process.
 
     :param vehicle: the world's `vehicle_driver`.
     :param batch: episodes side by side, at most.
@@ -66,16 +66,16 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
 
 
 def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
-    """Return the result of the rule-based autopilot with one pedestrian, many episodes side by side."""
+    """Run the rule-based autopilot with one pedestrian, many episodes side by side, and return the result."""
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
     found, first_critical = episodes_of(steps, exam.world.tick, exam.scenarios, BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 
 def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
-    """Have the driving system meet one pedestrian; leave result and record in the folder `run`, and return the result.
+    """Run the driving system with one pedestrian without ROS, write result and record into `run`, return the result.
 
-    With `ads_test.bags` it leaves a bag, too, and drives one episode after the other.
+    With `ads_test.bags` it writes a bag, too, and drives one episode after the other.
     """
     begun, config = time.monotonic(), exam.config
     run.mkdir(exist_ok=True)
@@ -138,7 +138,7 @@ def _recorded(steps: Iterable[Step], lost: Collection[Key]) -> Iterator[Step]:
 
 
 class InProcess:
-    """A driving system that drives every car of a loop.
+    """A driving system that drives every car of a simulation loop.
 
     :param loop: whose world leaves the vehicle to an external driver.
     :param answers: of the driving system, for each car.
@@ -159,7 +159,7 @@ class InProcess:
         self.lost: dict[Key, str] = {}
 
     def ticks(self, report: Callable[[int], None]) -> Iterator[Step]:
-        """Yield every tick of the loop.
+        """Simulate, and yield every tick of the loop.
 
         :param report: called with how many episodes have ended.
         """

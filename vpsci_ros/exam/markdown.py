@@ -1,4 +1,4 @@
-"""The verdict of an exam as Markdown for a merge request (summary.md), with links to where the episodes play."""
+"""The verdict of an exam as Markdown for a merge request (summary.md), with links into the page of its episodes."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The table of episodes of an exam: one row each with all measures of the driving system."""
+"""The table of an exam's episodes: a row for each driver, pedestrian and episode, with all measures."""
 
 import math
 from collections.abc import Sequence
@@ -78,7 +78,7 @@ def episode_table(
     pedestrian: str,
     reach: Floats | None = None,
 ) -> pl.DataFrame:
-    """Return a row for each episode, with the columns of `COLUMNS`; missing frames repeat the last known one.
+    """Return a table of a run's episodes, a row each, with `COLUMNS`; missing frames repeat the last known one.
 
     :param alone: the same driver on the same episodes without pedestrians: the reference of the time lost.
     :param reach: float64[4, 5], the range of the pedestrian's recorded onsets, see `vpsci_ros.policy.onset_range`.
@@ -131,7 +131,7 @@ def episode_table(
 
 
 def arrived(episode: Episode) -> bool:
-    """Return whether the vehicle is at its goal when the episode ends."""
+    """Return whether the vehicle has reached its goal when the episode ends."""
     if episode.outcome == OUTCOME_NAMES[GOAL] or episode.scenario is None:
         return episode.outcome == OUTCOME_NAMES[GOAL]
     lane = episode.scenario.vehicle
@@ -139,7 +139,7 @@ def arrived(episode: Episode) -> bool:
 
 
 def lane_departure(episode: Episode) -> tuple[float, float]:
-    """Return how far the vehicle's centre is from the middle of its lane at most, and half the lane's width [m].
+    """Return the greatest distance [m] of the vehicle's centre from its lane's middle, and half the lane width [m].
 
     NaN and infinity where the lane is not known.
     """

@@ -17,7 +17,7 @@ OWN = "example_ads"
 
 
 def command_of(text: str, latency: float | None = None) -> list[str]:
-    """Return the command line of `text`, without a shell; `example_ads` is the package's example.
+    """Split a command line into program and arguments, without a shell; `example_ads` is the package's example.
 
     :param latency: of the objects [s] that `example_ads` has to do with; None: it has odometry.
     :raises InvalidInput: quotes that do not close, or a program that is not there.
@@ -38,7 +38,7 @@ def command_of(text: str, latency: float | None = None) -> list[str]:
 
 
 def files_of(text: str) -> dict[str, str]:
-    """Return the files that a command line names, with their SHA-256."""
+    """Return name -> SHA-256 of the files that a command line names."""
     own = [Path(__file__).parents[1] / "nodes" / name for name in (f"{OWN}.py", "example_driver.py")]
     words = own if text.strip() == OWN else map(Path, shlex.split(text))
     return {word.name: sha256(word) for word in words if word.is_file()}

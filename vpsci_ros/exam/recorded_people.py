@@ -39,13 +39,13 @@ _SLOWEST = 0.3  # [m/s] while crossing
 def spawns(
     config: WorldConfig, scenarios: Sequence[Scenario], episodes: Sequence[tuple[int, int]], seed: int
 ) -> NDArray[np.void]:
-    """Return the spawns of the episodes, EPISODE[n]."""
+    """Return the states at the spawns of these episodes, EPISODE[n]."""
     drivers = dataclasses.replace(config, vehicle_driver="autopilot", pedestrian_driver="autopilot")
     return World(drivers, scenarios, episodes, len(episodes), seed).state.copy()
 
 
 def absent_pedestrians(begins: NDArray[np.void]) -> Motion:
-    """Return the motion of pedestrians that stand a kilometre away, for episodes with these spawns, EPISODE[n].
+    """Return the motion of pedestrians a kilometre from the vehicle, for episodes with these spawns, EPISODE[n].
 
     One frame each: beyond its recording a replayed pedestrian keeps its velocity.
     """

@@ -1,4 +1,4 @@
-"""An exam's result as one dictionary, the content of report.json, which has everything on the page."""
+"""An exam's scores as one dictionary, which report.json stores and the report page shows."""
 
 import math
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ _HIDDEN = {False: "in sight", True: "hidden"}
 def make_report(
     table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamConfig, perception: PerceptionConfig | None = None
 ) -> dict[str, Any]:
-    """Return the scores of an exam; `beside` is the ADS minus the autopilot on the same episodes.
+    """Return the scores of an exam; the key `beside` has ADS minus autopilot on the same episodes.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
@@ -91,7 +91,7 @@ def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
 
 
 def value_of(report: dict[str, Any], measure: str, pedestrian: str) -> float:
-    """Return one number of the ADS in a report; NaN where it could not be measured."""
+    """Return the ADS's value of a measure with a pedestrian, from a report; NaN where it was not measured."""
     if measure in INCREASES:
         found = report["differences"].get(pedestrian, {}).get(INCREASES[measure], {}).get("value")
     elif measure in COUNTS:
@@ -109,7 +109,7 @@ def value_of(report: dict[str, Any], measure: str, pedestrian: str) -> float:
 
 
 def rows_of(table: pl.DataFrame, driver: str, pedestrian: str | None = None) -> pl.DataFrame:
-    """Return the episodes of a driver, with one pedestrian or (None) with all."""
+    """Return a driver's rows of the table of episodes, with one pedestrian or (None) with all."""
     rows = table.filter(pl.col("driver") == driver)
     return rows if pedestrian is None else rows.filter(pl.col("pedestrian") == pedestrian)
 
@@ -119,7 +119,7 @@ def _scores(rows: pl.DataFrame) -> dict[str, Any]:
 
 
 def differences(rows: pl.DataFrame, others: pl.DataFrame) -> dict[str, Any]:
-    """Return, by measure, the value for these rows minus the value for the other rows, on common episodes."""
+    """Return, by measure, the value of `rows` minus the value of `others` on common episodes, and its p-value."""
     out = {}
     for name in DIFFERENCES:
         found, p = difference(rows, others, MEASURES[name])

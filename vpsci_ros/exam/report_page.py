@@ -35,7 +35,7 @@ _MORE = ("#8c564b", "#e377c2", "#7f7f7f", "#bcbd22")
 
 
 def _colour(pedestrian: str) -> str:
-    """Return a pedestrian's colour; those that other distributions add take what is left in turn."""
+    """Return a pedestrian's colour; those that other packages add take the remaining colours in turn."""
     return COLOURS.get(pedestrian) or _MORE[added_pedestrians().index(pedestrian) % len(_MORE)]
 
 
@@ -66,7 +66,7 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
 
 
 def save_one(episode: Episode, path: Path) -> None:
-    """Draw one episode as a PNG."""
+    """Draw the trajectories of one episode as a PNG."""
     figure = blank_figure(4.4, 3.3)
     draw_episode(figure.subplots(), "", episode.pair())
     save_png(figure, path)
@@ -162,7 +162,7 @@ def write_page(
     episodes: Mapping[str, Sequence[Episode]],
     view: str = "",
 ) -> None:
-    """Write the page, and its pictures beside it: overview.png, must_see_1.png to must_see_3.png.
+    """Write the report page to `path`, and beside it overview.png and up to must_see_3.png.
 
     :param report: of `make_report`, with the keys exam, failures and criteria.
     :param table: a row an episode; `episodes`: pedestrian -> episodes of the ADS, frame by frame.
@@ -207,7 +207,7 @@ def _summary(report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def must_see(table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return rows of the three most important episodes of the ADS, each with the reason as `why`."""
+    """Return the rows of at most three episodes of the ADS worth seeing, each with the reason as `why`."""
     rows = worst_first(table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") != ALONE)))
     other = table.filter(pl.col("driver") == BASELINE).select(*_KEY, hit=pl.col("collision"))
     rows = rows.join(other, on=_KEY, how="left", maintain_order="left").with_columns(pl.col("time_lost").fill_nan(0.0))
@@ -245,9 +245,9 @@ def _pictured(
 
 
 def print_report(report: Mapping[str, Any], page: Path) -> None:
-    """Print the measures of both drivers with each pedestrian, and the verdict.
+    """Print the measures of the ADS and the autopilot with each pedestrian, and the verdict.
 
-    :param page: in which the rest stands.
+    :param page: the report page, which the last line names.
     """
     console = Console()
     view = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))

@@ -21,7 +21,7 @@ from vpsci_ros.world.parked import in_sight, parked_from
 
 @dataclasses.dataclass(frozen=True)
 class Conduct:
-    """Commands refused, safe stops and failures in a run of the ADS, apart from how it drove.
+    """Counts of refused and surplus commands and of safe stops in a run of the ADS, and why the run failed.
 
     :ivar wanted: episodes that it was to drive.
     :ivar refused: commands that the world refused: not finite, out of range, or late.
@@ -38,7 +38,7 @@ class Conduct:
 
 
 class FirstCritical(NamedTuple):
-    """The first critical pedestrian of an episode, and whether parked vehicles hid it.
+    """The first critical pedestrian of an episode: its kind, and whether parked vehicles hid it.
 
     :ivar hidden: parked vehicles hid the pedestrian.
     :ivar kind: of the pedestrian, one of `KINDS`.

@@ -92,7 +92,7 @@ DIFFERENCES = ("collision_rate", "moving_collision_rate", "conflict_rate", "seve
 
 
 def estimate(rows: pl.DataFrame, measure: Measure) -> Estimate:
-    """Return a measure of a table of episodes (of one driver with one pedestrian)."""
+    """Return the estimate of a measure from the episodes of one driver with one pedestrian."""
     values = rows.filter(measure.among).select(measure.column.alias("value"))["value"].to_numpy()
     if measure.statistic is None:
         return statistics.share(int(values.sum()), len(values))
@@ -100,7 +100,7 @@ def estimate(rows: pl.DataFrame, measure: Measure) -> Estimate:
 
 
 def difference(first: pl.DataFrame, second: pl.DataFrame, measure: Measure) -> tuple[Estimate, float]:
-    """Return measure(first) - measure(second) on the episodes that both have, and McNemar's p-value (NaN: no share)."""
+    """Return measure(first) - measure(second) on common episodes, and McNemar's p-value (NaN if it is no share)."""
     keys = ["scenario", "episode"]
     what = measure.column.alias("value"), measure.among.alias("counts")
     parts = [table.select(*keys, *what) for table in (first, second)]

@@ -50,7 +50,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 
 
 def stored_episodes(folder: Path, driver: str, pedestrian: str) -> Iterator[Episode]:
-    """Yield the stored episodes of an exam's driver with one pedestrian, those of the driving system part by part.
+    """Yield the stored episodes of a driver, the ADS or the autopilot, with one pedestrian, part by part.
 
     :raises InvalidInput: a file cannot be read.
     """
@@ -71,7 +71,7 @@ def exam_sources(
     limit: int,
     failure: str = "collision",
 ) -> list[Source]:
-    """Return the episodes of an exam: each pedestrian with the driving system, and with the autopilot beside it.
+    """Return the sources of an exam's page: for each pedestrian the ADS's episodes, then the autopilot's.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param episodes: of `ADS` and, unless it is left out, of `BASELINE`, by pedestrian; read one after the other.
@@ -144,7 +144,7 @@ def failure_group(row: Mapping[str, Any], episode: Episode) -> FailureGroup:
 
 
 def came_first(episode: Episode) -> str:
-    """Return which agent reached the contact point first, see `FailureGroup`."""
+    """Return "pedestrian" or "vehicle", the agent that came first to the contact point; "" without a contact."""
     if episode.outcome != "collision":
         return ""
     seen = episode.pair().filled()
