@@ -27,7 +27,7 @@ OFFER_PERIOD = 0.1  # [s]: endpoints of two programs that know each other are ma
 
 
 class AgentPolicy(GraphNode):
-    """Subscribes to `/world/state`, `/safety/state` and, without given weights, `/policy/weights`; publishes actions.
+    """Reads `/world/state`, `/safety/state` and, if no parameter names weights, `/policy/weights`; publishes actions.
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
     which it does not act, so that the world never waits in vain. An answer is a function of all policy frames since the
@@ -62,7 +62,7 @@ class AgentPolicy(GraphNode):
 
     @property
     def state(self) -> str:
-        """State of the node: whether it has weights and can answer."""
+        """Return "running", or "waiting" until the node has weights and the safety monitor is found."""
         return "running" if self._actions else "waiting"
 
     def figures(self) -> dict[str, Any]:
@@ -132,7 +132,7 @@ class AgentPolicy(GraphNode):
             self.acts(tick.number)
 
     def _act(self, header: WireHeader, tick: Tick, safety: SafetyContent) -> bytes | None:
-        """Take one tick in; return the answer, or None where none is wanted."""
+        """Process one tick; return the serialized action, or None between policy frames or if an answer is refused."""
         if not np.count_nonzero(tick.policy_frame):
             self._known = tick.number
             return None

@@ -1,4 +1,4 @@
-"""The base class of all nodes: parameters from configuration classes, topics from the table, one main."""
+"""The base class of all nodes, with parameters from configuration classes, and the function that runs nodes."""
 
 import sys
 import time
@@ -58,7 +58,7 @@ class _Destroying(type):
 
 
 class GraphNode(Node, metaclass=_Destroying):
-    """A node of the graph; its section of `vpsci_ros.nodes.config.SECTIONS` says which parameters it has.
+    """A node of the graph; `vpsci_ros.nodes.config.section_classes` says which parameters it has.
 
     :param context: a private context, or None for the global one.
     :param parameter_overrides: as in `rclpy.node.Node`, for graphs in one process.
@@ -101,18 +101,18 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """The subscriptions that an executor serves: all but the polled ones."""
+        """The subscriptions that an executor serves: all but those that the node polls itself."""
         return (each for each in super().subscriptions if each not in self.intake.polled)
 
     def config(self, kind: type[T]) -> T:
-        """Return one of the section's configuration classes with this node's parameters."""
+        """Return `kind`, one of the node's configuration classes, with the node's parameters."""
         return pick(kind, self._values, self._section)
 
     def parameters_changed(self) -> None:
         """Apply the values that `config` returns; called after parameters were set on the running node."""
 
     def output(self, topic: str) -> Output:
-        """Return an output for a topic of the table."""
+        """Return a new output for a topic of `TOPICS`."""
         made = Output(self, topic, listeners(topic, self.peers), self._is_stopping)
         self._offered.append(made)
         return made
@@ -121,11 +121,11 @@ class GraphNode(Node, metaclass=_Destroying):
         return self.stop.is_set()
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Offer a service of the table."""
+        """Offer a service of `SERVICES`, which `callback` answers."""
         self.create_service(SERVICES[name].type, name.removeprefix("/"), callback)
 
     def ready(self, topic: str, answer: str, by: str = "") -> None:
-        """Log that the node is ready to answer messages of one topic with messages on another.
+        """Log that the node is ready to answer messages on `topic` with messages on `answer`.
 
         :param by: what the answers depend on.
         """
@@ -134,13 +134,13 @@ class GraphNode(Node, metaclass=_Destroying):
         )
 
     def acts(self, tick: int) -> None:
-        """Record a tick that the node answers, and log the first one of each world."""
+        """Record a tick that the node answers; log the first one, and each that has a lower number than the last."""
         if self._acted_at is None or tick < self._acted_at:
             self.get_logger().info(f"answers from tick {tick} on")
         self._acted_at = tick
 
     def full_name(self, topic: str) -> str:
-        """Return the name under which a topic of the table is found: with this node's namespace."""
+        """Return the full name of a topic of `TOPICS`: with this node's namespace, unless graphs share the topic."""
         return self.resolve_topic_name(TOPICS[topic].ros_name)
 
     @property
@@ -170,7 +170,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return {}
 
     def status(self) -> NodeStatus:
-        """Return the node's report."""
+        """Return the node's present status."""
         return NodeStatus(
             state=self.state,
             awaited=self.awaited,
@@ -182,7 +182,7 @@ class GraphNode(Node, metaclass=_Destroying):
         )
 
     def report(self, *, wait: bool = False) -> None:
-        """Publish the status on `/diagnostics` and send it to the graph; once a second of wall time, and at the end.
+        """Publish the status on `/diagnostics` and `submit` it; called once a second of wall time, and at the end.
 
         :param wait: for the expected readers; otherwise the message is dropped where one is missing.
         :raises VpsciError: waited for longer than `PEER_TIMEOUT`.
@@ -196,7 +196,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self.submit(status)
 
     def submit(self, status: NodeStatus) -> None:
-        """Send a status to the graph that started this process, if one did."""
+        """Send a status through a pipe to the process that runs the graph, if one has started this process."""
         reporting.send(self._section, status)
 
     @property
@@ -205,10 +205,10 @@ class GraphNode(Node, metaclass=_Destroying):
         return not self.drains or time.perf_counter() - self.intake.arrived > DRAIN_QUIET
 
     def close(self) -> None:
-        """Finish what the node has begun; called once on every way out, while publishing still works."""
+        """Complete the node's work; called once however its run ends, while publishing still works."""
 
     def flush(self) -> None:
-        """Wait for a limited time until the recorder has received what this node published."""
+        """Wait until the recorder has received what this node published, at most `FLUSH_LIMIT` for each topic."""
         recorded = [output for output in self._offered if "recorder" in output.expected and output.published]
         all(output.flush(FLUSH_LIMIT) for output in recorded)
 
@@ -250,7 +250,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
 
 def run_together(kinds: Sequence[Any], args: list[str] | None = None) -> int:
-    """Run nodes of these classes in this process until the first has finished or a signal stops it; return its status.
+    """Run a node of each class until the first class's node has finished or a signal comes; return the exit status.
 
     0: finished or stopped on request; 1: one failed; 2: a parameter or an input file was refused.
 
@@ -295,7 +295,7 @@ def _run(kinds: Sequence[Any], context: Context, stop: StopRequest) -> int:
 
 
 def run_nodes(nodes: Sequence[GraphNode], executor: EventsExecutor) -> int:
-    """Run nodes until the first of them has finished, or a stop was requested, and close them; return 0, or 1."""
+    """Run nodes until `nodes[0]` has finished or a stop is requested, and close all; return 0, or 1 after an error."""
     status = 1
     try:
         status = _attempt(nodes[0], partial(_spin, nodes[0], executor))
@@ -330,7 +330,7 @@ def _end(node: GraphNode) -> None:
 
 
 def _attempt(node: GraphNode, part: Callable[[], None]) -> int:
-    """Do a part of a node's run; return the exit status that follows from it."""
+    """Call `part`, a part of a node's run; return 0, or 1 after an error, which is logged."""
     try:
         part()
     except VpsciError as error:

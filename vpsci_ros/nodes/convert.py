@@ -43,12 +43,12 @@ _POINT_FIELDS = [
 
 
 def sequence(values: Array) -> array[Any]:
-    """Return the values of an array in the type of a message field, flattened in row-major order."""
+    """Return the values of an array in row-major order as `array.array`, the type of a message's numeric sequence."""
     return array(_CODES[values.dtype.char], values.tobytes())
 
 
 def filled(message: T, fields: Mapping[str, Any]) -> T:
-    """Return `message` with these fields set; arrays become sequences."""
+    """Set these fields of `message` and return it; NumPy arrays become `array.array`s."""
     for name, value in fields.items():
         setattr(message, name, sequence(value) if isinstance(value, np.ndarray) else value)
     return message
@@ -67,7 +67,7 @@ def transition_message(rows: Array, tick: int, period: float) -> Transition:
 
 
 def objects_message(objects: Array, at: Time) -> PointCloud2:
-    """Return OBJECT[n], the objects of `vpsci_ros.world.perception`, seen at `at`, as points that existing tools read.
+    """Return OBJECT[n], objects of `vpsci_ros.world.perception` seen at `at`, as a PointCloud2 of n points.
 
     A point has its place [m] (z: 0) and velocity [m/s] in the map, and the number of its track.
     """
@@ -81,7 +81,7 @@ def objects_message(objects: Array, at: Time) -> PointCloud2:
 
 
 def fixed_transforms(prefix: str = "") -> TFMessage:
-    """Return the static transforms of the vehicle: the rear axle, which other tools use as its origin."""
+    """Return the static transform from the vehicle's base_link to its rear axle, the origin of other tools."""
     header = Header(frame_id=f"{prefix}vehicle/base_link")
     axle = TransformStamped(header=header, child_frame_id=f"{prefix}vehicle/rear_axle")
     axle.transform.translation.x = -0.5 * WHEELBASE
@@ -92,7 +92,7 @@ def fixed_transforms(prefix: str = "") -> TFMessage:
 def diagnostics_message(
     node: str, reported: NodeStatus, at: Time, parameters: Mapping[str, Any] | None = None
 ) -> DiagnosticArray:
-    """Return the report of one node: ERROR where it refuses messages or has a second publisher, WARN where it waits.
+    """Return a node's report: ERROR if it refused messages or found a second publisher, WARN if it waits, else OK.
 
     :param parameters: of the node, which `parameters_in` finds in the message.
     """
@@ -105,7 +105,7 @@ def diagnostics_message(
 
 
 def parameters_in(message: Any, nodes: Collection[str], prefix: str) -> dict[str, dict[str, Any]]:
-    """Return the parameters of these nodes that are in a DiagnosticArray, by node.
+    """Return node -> parameters, for those of `nodes` whose parameters a DiagnosticArray has.
 
     :param prefix: of the names of the graph's nodes, such as "left/", or nothing.
     :raises InvalidInput: they are no parameters of these nodes.

@@ -65,7 +65,7 @@ def require_security() -> None:
 
 @contextlib.contextmanager
 def own_domain() -> Iterator[None]:
-    """Reserve a ROS domain that no other graph on this machine uses, instead of the environment's.
+    """Set and reserve a ROS domain that no other graph on this machine uses, in the `with` block.
 
     A socket and a port reserve it until the block is left or the process ends, however it does. The search begins at a
     random number, since nodes of a graph that was killed may still publish in the domain that was given up last.
@@ -104,7 +104,7 @@ def _reserved(domain: int, kept: contextlib.ExitStack) -> bool:
 
 @contextlib.contextmanager
 def only_graph(namespace: str) -> Iterator[None]:
-    """Reserve the environment's domain and this namespace for one graph of this machine.
+    """Reserve the environment's domain and this namespace for one graph on this machine, in the `with` block.
 
     :raises InvalidInput: another one runs there, `own_domain` of another process has reserved the domain, or
         ROS_DOMAIN_ID is no number of a domain.

@@ -1,7 +1,7 @@
 """The executables of `ros2 run vpsci_ros`, one for each node; they import quickly, so that Ctrl-C works at once.
 
 A node's own module takes a second to import, and Python would answer a Ctrl-C on the way with a traceback.
-`python -m vpsci_ros.nodes NODE` and `vpsci node NODE` start the same.
+`python -m vpsci_ros.nodes NODE` and `vpsci node NODE` start the same node.
 """
 
 import importlib
@@ -27,7 +27,7 @@ def node_class(name: str) -> Any:
 
 
 def start(name: str, args: list[str] | None = None) -> int:
-    """Run a node until it has finished or is stopped; return its exit status.
+    """Run a node, or several in one process, until it has finished or is stopped; return the exit status.
 
     0 where it is stopped as it is imported, 2 where a library that it needs is not installed.
 
@@ -49,7 +49,7 @@ def start(name: str, args: list[str] | None = None) -> int:
 
 
 def __getattr__(name: str) -> Callable[[], int]:
-    """Return what starts the node of this name, for the scripts that setuptools writes."""
+    """Return the function that starts the node of this name, for the scripts that setuptools writes."""
     if importlib.util.find_spec(f"vpsci_ros.nodes.{_MODULES.get(name, name)}") is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return partial(start, name)

@@ -59,7 +59,7 @@ class ExampleAds(Node):
         self.answer()
 
     def answer(self) -> None:
-        """Publish the command when vehicle and pedestrians of the same tick have arrived, with its stamp."""
+        """Publish the command, with the stamp of the vehicle's odometry, when the tick's pedestrians have arrived."""
         if self.vehicle and self.pedestrian and self.vehicle.header.stamp == self.pedestrian.header.stamp:
             self.command_for(self.vehicle, [mover(self.pedestrian)])
         elif self.vehicle and self.seen and seconds(self.vehicle) - seconds(self.seen) < self.latency + 0.001:
@@ -74,7 +74,7 @@ class ExampleAds(Node):
 
 
 def mover(odometry: Odometry) -> Mover:
-    """Return position, yaw (of the quaternion, REP 103) and velocity of a road user."""
+    """Return position [m], yaw [rad], speed [m/s] and yaw rate [rad/s] of an odometry message (REP 103)."""
     at, turned, twist = odometry.pose.pose.position, odometry.pose.pose.orientation, odometry.twist.twist
     return Mover(at.x, at.y, 2.0 * math.atan2(turned.z, turned.w), twist.linear.x, twist.angular.z)
 
@@ -85,7 +85,7 @@ def seconds(message: Odometry | PointCloud2) -> float:
 
 
 def people(objects: PointCloud2) -> list[Mover]:
-    """Return the points of a list of objects, each x, y, z, vx, vy in the map [m, m/s] and a number."""
+    """Return the pedestrians of `/perception/objects`: points x, y, z [m], vx, vy [m/s] in the map, and a number."""
     offsets = range(0, len(objects.data), objects.point_step)
     points = (struct.unpack_from("<5fI", objects.data, offset) for offset in offsets)
     return [Mover(x, y, math.atan2(vy, vx), math.hypot(vx, vy)) for x, y, _, vx, vy, _ in points]

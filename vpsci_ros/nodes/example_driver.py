@@ -52,7 +52,7 @@ class ExampleDriver:
         return max(-self.comfort_acceleration, min(self.comfort_acceleration, wanted))
 
     def time_to_contact(self, vehicle: Mover, pedestrian: Mover, speed: float) -> float:
-        """Return the time [s] until both come within the margin, at constant speed, yaw rate and velocity."""
+        """Return the time [s] until the pedestrian is within `margin` of the vehicle; infinity beyond `horizon`."""
         x, y, heading, _, turning = vehicle
         px, py, direction, walking, _ = pedestrian
         time, step = 0.0, 0.1  # [s]

@@ -43,12 +43,12 @@ def ended(node: str, process: ChildProcess) -> str:
 
 
 def waiting(statuses: Mapping[str, NodeStatus]) -> str:
-    """Return a sentence with the waiting nodes and what they wait for."""
+    """Return a sentence with the waiting nodes and what each waits for; "" if none waits."""
     return "; ".join(f"{node} waits for {', '.join(each.awaited)}" for node, each in statuses.items() if each.awaited)
 
 
 def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mapping[str, NodeStatus]) -> str:
-    """Return a sentence about missing progress and the reasons for it.
+    """Return a sentence about missing progress and its reasons, after `graph.progress_timeout` of it; else "".
 
     :param idle: for how long no node has reported any progress [s].
     :param logs: folder of the nodes' logs.
@@ -60,7 +60,7 @@ def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mappin
 
 
 def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: object) -> str:
-    """Return a sentence about the node that lacks most answers, if the run cannot finish any more."""
+    """Return a sentence about the node with most missing answers, if they are `HANGS` or more; else ""."""
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
     counted = [(world.faults(sender)["missing"], node) for node, sender in RESPONDENTS.items() if node in nodes]
     missing, node = max(counted, default=(0, ""))
@@ -98,7 +98,7 @@ class Silence:
 
 
 def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
-    """Return a sentence about a driving system that floods the world with commands.
+    """Return a sentence if a driving system floods the world with commands; else "".
 
     :param limit: surplus commands a tick that are no flood yet.
     :param late: the first tick should have come by now.
@@ -115,7 +115,7 @@ def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
 
 
 def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Collection[str] = ()) -> str:
-    """Return a sentence about a driving system without any command within `patience` [s].
+    """Return a sentence if a driving system has sent no command within `patience` [s]; else "".
 
     :param awaited: what the world waits for; where nodes are among it, it is not up to the driving system.
     """
@@ -129,7 +129,7 @@ def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Colle
 
 
 def second_publishers(statuses: Mapping[str, NodeStatus]) -> list[str]:
-    """Return unexpected publishers on the graph's topics, as "/NODE on /TOPIC"."""
+    """Return unexpected publishers on topics that are not `OPEN_TO_ALL`, as "/NODE on /TOPIC"."""
     second = {each for status in statuses.values() for each in status.second_publishers}
     return sorted(each for each in second if each.partition(" on ")[2] not in OPEN_TO_ALL)
 
@@ -141,7 +141,7 @@ def incomplete(
     recorded: RecordedCounts | None,
     killed: Collection[str] = (),
 ) -> list[str]:
-    """Return a clause for everything that a run without an error lacks; empty if the run is complete.
+    """Return a clause for each thing that is missing from a run without an error; empty if the run is complete.
 
     :param requested: episodes; 0 where no world runs.
     :param nodes: of the graph.

@@ -170,7 +170,7 @@ def _run_to_the_end(
 
 
 def resolve(sections: Sections, folder: Path) -> Sections:
-    """Return all parameters of all nodes of the graph, with defaults, paths in `folder`, and peers.
+    """Return every parameter of the graph's nodes: given values, defaults, paths in `folder`, and peers.
 
     :raises InvalidInput: a value is refused, two of them do not go together, or the list of nodes makes no graph.
     """
@@ -194,7 +194,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
 
 
 class NodeProcesses:
-    """The graph's processes by node (one for all if `composed`); the `with` block stops them at its end."""
+    """The processes of a graph, one for each node or, if `composed`, one for all; run in a `with` block."""
 
     def __init__(
         self, nodes: list[str], parameters: Path, logs: Path, namespace: str = "", *, composed: bool = False
@@ -238,7 +238,7 @@ class NodeProcesses:
             pipe.close()
 
     def ended(self) -> dict[str, int]:
-        """Return the exit status of each process that has ended."""
+        """Return node -> exit status, for the nodes whose process has ended."""
         now = {process: process.status for process in self.running.values()}  # composed nodes end together
         return {node: status for node, process in self.running.items() if (status := now[process]) is not None}
 
@@ -254,7 +254,7 @@ class NodeProcesses:
                 return {node: pipe.latest for node, pipe in self._pipes.items() if pipe.latest}
 
     def hindered(self) -> float:
-        """Return the longest time [s] since the last call in which a process could not run.
+        """Return for how long [s] since the last call a process could not run; of several processes the longest.
 
         It waited for a core; or, before the first report of each of its nodes, it imported and compiled. A process that
         stands still uses no core, and a node that reports and then computes for ever does not go on.
@@ -269,21 +269,21 @@ class NodeProcesses:
         return longest
 
     def stop(self) -> dict[str, int]:
-        """Stop all processes, the recorder last; return their exit statuses. Those that do not end are killed."""
+        """Stop all processes, the recorder's last, by force if need be; return node -> exit status."""
         stop([process for node, process in self.running.items() if node != "recorder"], STOP_STEPS)
         stop([process for node, process in self.running.items() if node == "recorder"], STOP_STEPS)
         remove_left_behind()
         return self.ended()
 
     def explain(self, node: str) -> str:
-        """Return a sentence about the end of a process."""
+        """Return a sentence about the end of a node's process."""
         return failures.ended(node, self.running[node])
 
 
 def _follow(
     processes: NodeProcesses, watch: Watch, graph: GraphConfig, requested: StopRequest, stop_when: StopWhen
 ) -> str:
-    """Wait for the end of the run; return what went wrong, or nothing."""
+    """Wait for the end of the run; return the reason for a failure, or ""."""
     while True:
         statuses = processes.statuses(POLL)
         watch.take(statuses)

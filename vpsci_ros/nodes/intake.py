@@ -22,7 +22,7 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # so the middleware calls a node of which it kn
 
 
 class Intake:
-    """The subscriptions of a node, by topic of the table.
+    """The subscriptions of a node, by topic of `TOPICS`.
 
     :ivar arrived: `time.perf_counter()` when the latest message came.
     :ivar polled: subscription that the node polls itself -> what takes its messages.
@@ -49,7 +49,7 @@ class Intake:
         raw: bool = False,
         polled: bool = False,
     ) -> Subscription:
-        """Subscribe to a topic of the table.
+        """Subscribe to a topic of `TOPICS`.
 
         :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
             refusal is counted and logged; returns no None. None: `handle` is called with every message at once.
@@ -69,7 +69,7 @@ class Intake:
         return self._inputs[topic]
 
     def poll(self) -> None:
-        """Process all received messages of the polled topics, in the order of publication.
+        """Process the received messages of all topics added with `polled`, in the order of publication.
 
         A wake of the executor and a call for each message costs a reader of everything several times as much.
         """
@@ -86,7 +86,7 @@ class Intake:
             receive(message)
 
     def receive(self, topic: str, message: Any) -> None:
-        """Process a message of a topic, or reject it."""
+        """Decode a message of a topic and call the topic's handler, or reject the message."""
         self.arrived = time.perf_counter()
         decode, handle = self._receivers[topic]
         value = self.read(topic, decode, message)
@@ -94,7 +94,7 @@ class Intake:
             handle(value)
 
     def read(self, topic: str, convert: Callable[..., T], *arguments: Any) -> T | None:
-        """Return the result of `convert`; None if it rejects the message, which is counted and logged."""
+        """Return the result of `convert`; if it raises `InvalidInput`, count and log the message, and return None."""
         try:
             return convert(*arguments)
         except InvalidInput as error:
@@ -115,7 +115,7 @@ class Intake:
         self._node.get_logger().warning(f"refused {text} ({count})")
 
     def look(self) -> None:
-        """Record unexpected publishers of a topic."""
+        """Record and log unexpected publishers of the subscribed topics."""
         for topic, given in self._inputs.items():
             if not TOPICS[topic].shared and given.get_publisher_count() > 1:
                 found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
@@ -133,7 +133,7 @@ class Intake:
         return sorted(self._second)
 
     def publishers(self, topic: str) -> list[str]:
-        """Return the nodes that publish a topic, one name for each publisher, as far as they are known."""
+        """Return the names of the nodes that publish a topic, one for each publisher whose node is known."""
         writers = self._node.get_publishers_info_by_topic(self._inputs[topic].topic_name)
         names = (f"{writer.node_namespace.rstrip('/')}/{writer.node_name}" for writer in writers)
         return [name for name in names if not name.endswith(UNKNOWN)]

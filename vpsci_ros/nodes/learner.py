@@ -152,7 +152,7 @@ class Learner(GraphNode):
             self.report(wait=last)
 
     def close(self) -> None:
-        """Write the last rows of the log and, unless an update failed, the refined weights."""
+        """Write, in stage 2, the last rows of the log and, unless an update failed, the refined weights."""
         if self._refiner is not None:
             self._log.note(last=True)
             if self._whole:

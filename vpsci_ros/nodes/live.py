@@ -1,4 +1,4 @@
-"""Subscription to a running graph from outside, such as a page; no node waits for it."""
+"""Subscription to a running graph from outside, as for a page that shows it; no node waits for the subscriber."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -20,7 +20,7 @@ def subscribe_to_graph(
     names: Iterable[str], take: Callable[[str, bytes], None], finished: Callable[[], bool], namespace: str = "", *,
     depth: int = 1,
 ) -> None:  # fmt: skip
-    """Call `take` with name and serialized message of topics of the graph in this ROS domain, until `finished`.
+    """Call `take(topic, serialized message)` for the messages of a graph in this ROS domain, until `finished()`.
 
     :param names: of `vpsci_ros.nodes.topics.TOPICS`.
     :param namespace: of the graph.

@@ -36,7 +36,7 @@ class Meter:
         self._longest = max(self._longest, took)
 
     def figures(self) -> dict[str, Any]:
-        """Return answers in all, answers a second, mean and longest lag [ms], all three since the last call."""
+        """Return tick, total answers and missed ticks; since the last call: answers a second, mean and longest lag."""
         now, (then, before) = time.perf_counter(), self._reported
         fresh = self.count - before
         mean, longest = self._spent / max(fresh, 1), self._longest

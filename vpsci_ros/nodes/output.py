@@ -1,4 +1,4 @@
-"""A publisher of a graph's node, which loses no message before its subscribers are matched."""
+"""A publisher of a graph's node that sends its first message when all expected subscribers are matched."""
 
 import time
 from collections.abc import Callable
@@ -58,13 +58,13 @@ class Output:
         return names.issuperset(self.expected)
 
     def missing(self) -> list[str]:
-        """Return the expected subscribers that are not discovered, or all if one is discovered and not matched."""
+        """Return the expected subscribers that are not discovered; if all are discovered, all that are expected."""
         known = {info.node_name for info in self._node.get_subscriptions_info_by_topic(self.full_name)}
         return [name for name in self.expected if name not in known] or self.expected
 
     @property
     def complete(self) -> bool:
-        """Whether every discovered subscriber is matched, also the unexpected ones."""
+        """Whether all expected subscribers and all others that are discovered are matched."""
         known = self._node.count_subscribers(self.full_name)
         return self.matched and self._publisher.get_subscription_count() >= known
 

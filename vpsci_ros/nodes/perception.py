@@ -53,12 +53,12 @@ class Perception(GraphNode):
         self.ready(WORLD, "/perception/objects")
 
     def figures(self) -> dict[str, Any]:
-        """Return rate and lag of the lists, and how many objects they had."""
+        """Return rate and lag of the lists, and the number of objects in all lists so far."""
         return self._meter.figures() | {"objects": self._listed}
 
     @property
     def awaited(self) -> list[str]:
-        """The world's name, until the world's parameters are known."""
+        """["world_simulator"] until the world's parameters are known, then empty."""
         return self._awaited
 
     def _world_parameters(self, message: DiagnosticArray) -> dict[str, dict[str, Any]]:

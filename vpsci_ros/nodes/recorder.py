@@ -1,4 +1,4 @@
-"""The recorder: writes every serialized message of the graph to a rosbag2 folder with MCAP storage."""
+"""The recorder: writes the graph's messages, except weights, to a rosbag2 folder with MCAP storage."""
 
 import hashlib
 import struct
@@ -163,13 +163,13 @@ class Recorder(GraphNode):
 
 
 def of_own_nodes(diagnostics: Any, prefix: str) -> bool:
-    """Return whether a DiagnosticArray is of the graph whose names begin with `prefix`, such as "left/", or ""."""
+    """Return whether all reports in a DiagnosticArray are of the graph with this prefix, such as "left/" or ""."""
     names = {status.name for status in diagnostics.status}
     return bool(names) and names <= {f"{prefix}{name}" for name in EXECUTABLES}
 
 
 def of_own_frames(transforms: bytes, prefix: str) -> bool:
-    """Return whether a serialized TFMessage is of the graph whose names begin with `prefix`, see `of_own_nodes`."""
+    """Return whether a serialized TFMessage has the frames of the graph with this prefix, see `of_own_nodes`."""
     vehicle = f"{prefix}vehicle/base_link".encode() + b"\0"  # every message of a graph's frames has it
     return struct.pack("<I", len(vehicle)) + vehicle in transforms
 

@@ -1,4 +1,4 @@
-"""The replayer: publishes the recorded messages of a bag at the pace of their times."""
+"""The replayer: publishes the recorded messages of a bag at the pace of their log times, times `rate`."""
 
 import importlib
 import time
@@ -189,7 +189,7 @@ class Replayer(GraphNode):
         return {"messages_published": self._held + self._sent, "time": f"{self._at * 1e-9:.3f}"}
 
     def close(self) -> None:
-        """Log the number of published messages, and wait until all subscribers have them."""
+        """Wait, at most `FLUSH` for each topic, until all subscribers have the messages; log their number."""
         if self._sent:
             for publisher in self._outlets.values():
                 publisher.wait_for_all_acked(FLUSH)

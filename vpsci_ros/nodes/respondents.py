@@ -1,4 +1,4 @@
-"""The nodes that answer the world's ticks: their messages for the lock-step, and missing answers."""
+"""The nodes and driving systems that answer the world's ticks: their messages, and whose are missing."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -54,11 +54,11 @@ class Respondents:
             lock_step.external.present = self.commanded
 
     def commanded(self) -> bool:
-        """Return whether any program publishes commands to the vehicle."""
+        """Return whether any program has a publisher of commands to the vehicle."""
         return any(given.get_publisher_count() for given in self._commands)
 
     def missing(self, outputs: WorldOutputs) -> set[str]:
-        """Return the names of nodes and topics that the world waits for before its first tick; empty: it may begin.
+        """Return the nodes and readers that the world waits for before its first tick; empty: it may begin.
 
         Nodes that have to answer must be there, and the readers of `outputs`. Readers that are only announced are
         waited for at most `ANNOUNCED_PATIENCE` longer.
@@ -145,7 +145,7 @@ def _named(fields: str) -> Iterator[None]:
 
 
 def vehicle_frames(prefix: str) -> tuple[str, ...]:
-    """Return the frames that a command along the vehicle may name: "", the frame of the odometry, or the vehicle's.
+    """Return the allowed `frame_id`s of an acceleration command: "", the odometry's frame, and the vehicle's.
 
     A driving system that copies the odometry's header, to say which tick it answers, has the frame `map` there.
     """
@@ -153,7 +153,7 @@ def vehicle_frames(prefix: str) -> tuple[str, ...]:
 
 
 def command_stamp(header: Header) -> int | None:
-    """Return which simulated time [ns] a command answers; None for the present tick, where no stamp was set.
+    """Return the simulated time [ns] that a command answers; None, the present tick, if no stamp was set.
 
     A header of tick 0 has the stamp 0, too: its frame `map` distinguishes it from an empty header.
     """

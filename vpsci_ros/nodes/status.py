@@ -48,7 +48,7 @@ class NodeStatus:
         return pairs | ({"second_publishers": ", ".join(self.second_publishers)} if self.second_publishers else {})
 
     def number(self, name: str) -> float | None:
-        """Return a figure as a finite number; None where there is none of this name."""
+        """Return a figure as a number; None if it is missing or no finite number."""
         try:
             value = float(self.figures[name])
         except (KeyError, TypeError, ValueError):
@@ -63,7 +63,7 @@ class NodeStatus:
 
 
 def send(node: str, status: NodeStatus) -> None:
-    """Write a node's status to the pipe of the graph that started this process, if one did."""
+    """Write a node's status to the pipe of the process that runs the graph, if one has started this process."""
     if PIPE in os.environ:
         numbers = dict(pair.split("=") for pair in os.environ[PIPE].split(","))
         with contextlib.suppress(OSError, KeyError), open(int(numbers[node]), "wb", closefd=False) as pipe:
@@ -71,7 +71,7 @@ def send(node: str, status: NodeStatus) -> None:
 
 
 class StatusPipe:
-    """The graph's end of one node's pipe.
+    """The pipe from one node to the process that runs the graph.
 
     :ivar latest: the status that came last.
     :ivar open: whether more may come.
@@ -86,11 +86,11 @@ class StatusPipe:
         self.open = True
 
     def started(self) -> None:
-        """Close the writing end in this process, so that the pipe ends with the node's process."""
+        """Close this process's copy of the writing end, so that the pipe ends with the node's process."""
         os.close(self.write_end)
 
     def read(self) -> None:
-        """Read the available bytes of the pipe."""
+        """Read the available bytes of the pipe, and store the last whole report as `latest`."""
         data = bytearray()
         with contextlib.suppress(BlockingIOError):
             while block := os.read(self.read_end, 65536):

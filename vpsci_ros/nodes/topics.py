@@ -35,7 +35,7 @@ RECORDING = QoSProfile(depth=1000, history=HistoryPolicy.KEEP_ALL, reliability=R
 
 @dataclass(frozen=True)
 class Topic:
-    """A row of the table; `subscribers` are the nodes of this package that subscribe to it.
+    """A topic of the graph: its type, the graph's nodes that publish it and that subscribe to it, and its QoS.
 
     :ivar shared: stays at the root where a graph has a namespace, since other tools look for it there.
     """
@@ -107,7 +107,7 @@ TOPICS = {
 
 @dataclass(frozen=True)
 class Service:
-    """A row of the table of services; `server` is the node that offers it."""
+    """A service of the graph or of the replayer; `server` is the node that offers it."""
 
     name: str
     type: Any

@@ -36,15 +36,15 @@ class Watch:
         self._bars.__exit__(*given)
 
     def idle_time(self) -> float:
-        """Return the time without progress [s], minus `excuse`; a world paused by a service is not idle."""
+        """Return the time without progress [s], minus the excused time; a world paused by a service is not idle."""
         return time.monotonic() - self._last - self._excused
 
     def excuse(self, seconds: float) -> None:
-        """Subtract from the idle time the time in which a node could not run or was still starting."""
+        """Subtract from the idle time `seconds` in which a node could not run or was still starting."""
         self._excused += seconds
 
     def take(self, statuses: dict[str, NodeStatus]) -> None:
-        """Take the nodes' latest reports."""
+        """Read the nodes' latest reports: show the progress, and restart the idle time if there is any."""
         for node, status in statuses.items():
             seen = status.state, status.figures, status.counts
             # The recorder goes on writing diagnostics, its own among them, however long nothing happens.

@@ -67,11 +67,11 @@ class WorldOutputs:
         return {name for output in self.all if not output.matched for name in output.missing()}
 
     def unread(self) -> set[str]:
-        """Return the discovered, unexpected subscribers that are not matched yet."""
+        """Return "a reader of /TOPIC" for each topic with a discovered subscriber that is not matched yet."""
         return {f"a reader of {output.full_name}" for output in self.all if not output.complete}
 
     def tick(self, tick: Tick) -> None:
-        """Publish the time and the state of a tick."""
+        """Publish a tick: time, state and, if any program subscribes to them, odometry and views."""
         header = tick_header(tick.number, self._period)
         self._node.simulated_at = header.at
         self._time.publish(write_clock(header))
@@ -86,7 +86,7 @@ class WorldOutputs:
                 output.publish(write_markers(tick.state, movers, self._scenarios, header))
 
     def repeat(self, tick: Tick) -> None:
-        """Publish odometry and transforms of a tick once more, for readers that were not subscribed yet."""
+        """Publish odometry and transforms of a tick once more, for readers that have subscribed late."""
         self._publish_motion(tick.state, _movers(tick.state), tick_header(tick.number, self._period))
 
     def _publish_motion(self, state: NDArray[np.void], movers: list[PlanarMotion], header: WireHeader) -> None:

@@ -80,7 +80,7 @@ class WorldSimulator(GraphNode):
         self.wall_timer(min(0.05, config.action_timeout / 4), self._on_timer)
 
     def destroy_node(self) -> None:
-        """Restore the engine, also after a failed construction of the node."""
+        """Destroy the node and close an external engine such as CARLA, also if the node's construction failed."""
         if server := self.__dict__.get("_server"):
             server.close()
         super().destroy_node()
@@ -94,13 +94,13 @@ class WorldSimulator(GraphNode):
 
     @property
     def state(self) -> str:
-        """State of the node: running, paused or waiting."""
+        """Return "paused", "running", or "waiting" before the first tick."""
         begun = self._lock_step.tick is not None
         return "paused" if self._lock_step.paused else "running" if begun else "waiting"
 
     @property
     def awaited(self) -> list[str]:
-        """The nodes whose answers to the first or present tick are missing."""
+        """What the world waits for: before the first tick missing nodes and readers, later overdue answers."""
         return sorted(self._awaited)
 
     def _set_pace(self) -> None:
@@ -244,7 +244,7 @@ class WorldSimulator(GraphNode):
         self._lock_step.unread = self._builder.count - self._consumed
 
     def figures(self) -> dict[str, Any]:
-        """Return the rate of ticks by the wall clock, and how far the learner is behind."""
+        """Return ticks a second of wall time, and the number of transitions that the learner has not consumed."""
         tick, now = self._loop.world.now.number, time.monotonic()
         rate = (tick - self._reported_tick) / max(now - self._reported_at, 1e-9)
         mean = tick / max(self._tick_started - self._begun_at, 1e-9)
