@@ -38,7 +38,7 @@ def save_png(figure: Figure, path: str | Path, dpi: int = 130) -> None:
 
 
 def show_all(axis: Axes, points: NDArray[np.float64], margin: float) -> None:
-    """Set a square window around all points, float64[n, 2] [m], with a margin [m]."""
+    """Set the axis to a square window around all points, float64[n, 2] [m], with a margin [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     half, centre = 0.5 * float((high - low).max()) + margin, 0.5 * (low + high)
     axis.set_xlim(centre[0] - half, centre[0] + half)

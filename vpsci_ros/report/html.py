@@ -1,7 +1,7 @@
 """A self-contained HTML page made from a template: style, text and pictures in one file.
 
-A template lies in `templates/` of the room whose page it is, and extends `base.html` of this room, which has the style;
-`parts.html` has what several pages show alike. Values are escaped unless a template says otherwise.
+A template lies in `templates/` of the subpackage whose page it is, and extends `base.html` of `report`, which has the
+style; `parts.html` has what several pages show alike. Values are escaped unless a template says otherwise.
 """
 
 import base64

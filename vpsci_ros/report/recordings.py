@@ -1,4 +1,4 @@
-"""Recordings before they are imported: near misses as a picture, and sizes, speeds and distances of all."""
+"""A check of recordings before their import: near misses as a picture, and sizes, speeds and extent of all tracks."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 def check_recordings(
     folders: Sequence[Path], formats: Sequence[str], path: str | Path, fastest: float = math.inf
 ) -> list[str]:
-    """Draw near misses of each folder as a PNG: the paths of both agents, and the outline of the vehicle at the onset.
+    """Draw near misses of all folders as one PNG: both agents' paths, and the vehicle's outline at the onset.
 
     They are spread evenly over the near misses of the folder. Of a folder without one the first pairs are drawn.
 

@@ -1,4 +1,4 @@
-"""Summary of a dataset beside Table 10: episodes, path lengths, rejections, collisions, least CurvTTC."""
+"""Summary of a dataset beside the paper's Table 10: episodes, path lengths, rejections, collisions, least CurvTTC."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from vpsci_ros.runs.text_table import quartiles_text, short_name, text_table
 
 
 def print_rejections(folder: str | Path, console: Console) -> None:
-    """Print how many episodes each condition of section 3.3 rejected, and how many of those were collisions."""
+    """Print how many episodes each condition of the paper's section 3.3 rejected, and how many of them collided."""
     data = Dataset(folder)
     counts = list(data.scenarios.values())
     rows = []
@@ -26,7 +26,7 @@ def print_rejections(folder: str | Path, console: Console) -> None:
 
 
 def print_info(folder: str | Path, console: Console) -> None:
-    """Print Table 10 with the paper's numbers, the rejections, and the least CurvTTC with and without the third filter.
+    """Print a dataset's counts beside the paper's Table 10, its rejections, and quartiles of the least CurvTTC.
 
     :raises InvalidInput: no dataset.
     """

@@ -51,7 +51,7 @@ def save_trajectories(episodes: Sequence[tuple[str, Episode]], path: str | Path)
 
 
 def draw_speed_bars(figure: Figure, below_first: Any, below_second: Any) -> None:
-    """Draw the colour bars of vehicle and pedestrian speed below these axes."""
+    """Draw the colour bar of the vehicle's speed below the first axes, and of the pedestrian's below the second."""
     beside = ((BLUES, "vehicle speed [m/s]", below_first), (REDS, "pedestrian speed [m/s]", below_second))
     for colours, name, over in beside:
         bar = figure.colorbar(
