@@ -1,4 +1,4 @@
-"""Configuration of a run: the sections of a parameter file, and those parameters that many nodes share."""
+"""Configuration of a run: the sections of a parameter file, and the parameters that several nodes share."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class RunConfig:
             last[scenario] = episode
 
     def queue(self) -> Iterator[tuple[int, int]]:
-        """Yield (scenario, episode number): the pairs of `only`, or else all episodes, scenario by scenario in turn."""
+        """Yield (scenario, episode): the pairs of `only`, or else each episode number in all scenarios in turn."""
         if self.only:
             yield from zip(self.only[::2], self.only[1::2], strict=True)
             return
@@ -88,12 +88,12 @@ class Sections:
     values: Mapping[str, Mapping[str, Any]]
 
     def get(self, kind: type[T], section: str) -> T:
-        """Return one of a section's configuration classes.
+        """Return an instance of the configuration class `kind` with the values of a section.
 
         :raises InvalidInput: a value of another type or out of range, or values that contradict each other.
         """
         return pick(kind, self.values.get(section, {}), section)
 
     def changed(self, section: str, values: Mapping[str, Any]) -> "Sections":
-        """Return the sections with these values added to one section."""
+        """Return the sections with these values set in one section."""
         return Sections({**self.values, section: {**self.values.get(section, {}), **values}})

@@ -29,7 +29,7 @@ def sha256(path: str | Path) -> str:
 
 
 def changed_files(folder: Path, hashes: Mapping[str, str]) -> list[str]:
-    """Return the files of a folder that are missing or differ from these SHA-256, by name."""
+    """Return the names of the files in `hashes` that `folder` lacks or has with another SHA-256."""
     return [name for name, own in hashes.items() if not (folder / name).is_file() or sha256(folder / name) != own]
 
 
@@ -100,7 +100,7 @@ def write_json(path: str | Path, values: Any) -> None:
 
 
 def is_empty_folder(path: Path) -> bool:
-    """Return whether a folder holds nothing but the mark of a command that failed at once."""
+    """Return whether a folder holds nothing but `FAILURE`, the file of a command that failed."""
     return all(inside.name == FAILURE for inside in path.iterdir())
 
 

@@ -1,4 +1,4 @@
-"""Whether a folder holds the same run: one check, with one error, for every command that resumes a run."""
+"""The check that a folder holds the same run, for every command that resumes a run."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ def require_same(
     what: str = "holds a run",
     advice: str = _ADVICE,
 ) -> None:
-    """Refuse to resume in the folder of another run.
+    """Refuse a stored run that differs from this one in any value of `mine`.
 
     :param where: the file or folder that was found, the opening of the error message.
     :param found: what that run was, as JSON values; names that `mine` lacks do not count.

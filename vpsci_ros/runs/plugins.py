@@ -1,9 +1,9 @@
-"""Additions of other distributions to this package, found by entry points.
+"""Additions of other Python packages to this one, found by entry points.
 
-A distribution that somebody installs beside this one names its addition in its own `pyproject.toml`, and from then on
-the name is as good as a built-in one: in parameter files, on the command line and in code. `docs/extending.md` has a
-page for each kind. Nothing of another distribution is imported before its name is used. The branches of this package
-(`vpsci_ros/extras/`) add what they have in the same way; what a branch adds is gone with its folder.
+A package that is installed beside this one names its additions in its own `pyproject.toml`. Then their names work like
+built-in ones: in parameter files, on the command line and in code. `docs/extending.md` has a page for each kind.
+Nothing of another package is imported before its name is used. The folders of `vpsci_ros/extras/` add their parts in
+the same way; a deleted folder takes its additions with it.
 See https://packaging.python.org/en/latest/specifications/entry-points/.
 """
 
@@ -21,7 +21,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class PluginGroup(Generic[T]):
-    """One kind of addition: the package's built-in objects and those of other distributions.
+    """One kind of addition: this package's built-in objects and those of other Python packages.
 
     :ivar group: of the entry points, such as "vpsci_ros.importers".
     :ivar what: one of them is called, in error messages.
@@ -37,7 +37,7 @@ class PluginGroup(Generic[T]):
     def names(self) -> tuple[str, ...]:
         """Return the built-in names, then the added ones in alphabetical order.
 
-        :raises InvalidInput: two distributions add the same name, or one a built-in name.
+        :raises InvalidInput: two packages add the same name, or one a built-in name.
         """
         return (*self.built_in, *sorted(self._added()))
 
@@ -55,7 +55,7 @@ class PluginGroup(Generic[T]):
         return self._load(added[name])
 
     def origin(self, name: str) -> str:
-        """Return where a name comes from: a distribution with its version, or "" for a built-in one."""
+        """Return the Python package that adds a name, and its version; "" for a built-in name."""
         point = self._added().get(name)
         return f"{point.dist.name} {point.dist.version}" if point and point.dist else ""
 
@@ -87,7 +87,7 @@ class PluginGroup(Generic[T]):
 
 
 def _is_there(point: EntryPoint) -> bool:
-    """Return whether an entry point is another distribution's, or of a branch of this package whose folder is there."""
+    """Return whether an entry point is another package's, or of a folder of `extras` that exists."""
     package, extras, *branch = (*point.module.split(".")[:3], "")
     return (package, extras) != (_PACKAGE.name, "extras") or (_PACKAGE / extras / branch[0]).is_dir()
 

@@ -23,7 +23,7 @@ class CoreTime(NamedTuple):
 
 
 def core_time(thread: str = "thread-self") -> CoreTime:
-    """Return the core time of a thread; the core time of a process is that of its main thread.
+    """Return the core time of a thread; for a process's number, that of its main thread.
 
     :param thread: as /proc names it, such as a process's number.
     """
@@ -105,7 +105,7 @@ class ChildProcess:
 
 
 def stop(processes: Collection[ChildProcess], steps: Sequence[tuple[signal.Signals, float]] = STEPS) -> None:
-    """Stop processes by a sequence of signals, each sent if they still run."""
+    """Stop processes by a sequence of signals, each sent to the processes that still run."""
     for number, patience in steps:
         running = [process for process in processes if process.status is None]
         for process in running:

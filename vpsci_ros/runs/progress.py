@@ -79,7 +79,7 @@ class Bars:
         return ", ".join(f"{name} {done:,.0f} of {total:,.0f}" for name, (_, done, total) in self._shares.items())
 
     def bar(self, name: str, done: float, total: float | None, note: str = "") -> None:
-        """Update a bar; the first call of a name adds it. None: the total is unknown."""
+        """Update the bar `name`, or add it at the first call; a `total` of None is unknown."""
         fields: dict[str, Any] = {"wanted": "?" if total is None else f"{total:,.0f}", "note": note}
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total, **fields)
@@ -98,7 +98,7 @@ class Bars:
             self._progress.remove_task(self._tasks.popitem()[1])
 
     def line(self, text: str, *, now: bool = False) -> None:
-        """Without a terminal, print a line if the last one is old enough, or `now`.
+        """Without a terminal, print a line, but only if the last one is old enough or `now` is true.
 
         :param text: empty: how much of each bar is done.
         """
@@ -117,7 +117,7 @@ def _duration(seconds: float) -> str:
 
 
 class StageBar(Bars):
-    """The progress bar of a training stage."""
+    """The progress bar of stage 1 or stage 2 of the training."""
 
     def __init__(self, title: str, quiet: bool) -> None:
         super().__init__(title, quiet=quiet)

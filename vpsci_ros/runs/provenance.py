@@ -20,7 +20,7 @@ def software_versions() -> dict[str, str]:
 
 
 def cpu_name() -> str:
-    """Return the CPU model if it is known; results are bit-identical on one model."""
+    """Return the CPU model, or the machine type if it is unknown; results are bit-identical on one model."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
             name, _, value = line.partition(":")

@@ -24,7 +24,7 @@ def write_record(
     outputs: Mapping[str, str] | None = None,
     facts: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a record as `path`.
+    """Write the record of a run to `path`, as JSON.
 
     :param begun: `time.monotonic()` at the beginning of the run.
     :param error: why the run did not reach its end; empty: it did.
@@ -47,7 +47,7 @@ def write_record(
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Return a record; None if it is missing or unreadable."""
+    """Return the record of a run from `path`; None if it is missing or unreadable."""
     try:
         record = read_json(path)
     except InvalidInput:

@@ -26,7 +26,7 @@ def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | 
 
 
 def quartiles_text(quartiles: Iterable[float]) -> str:
-    """Return quartiles as one cell; "-" where there is none."""
+    """Return quartiles as the text of one table cell; "-" for no values."""
     return "  ".join(f"{value:.2f}" for value in quartiles) or "-"
 
 

@@ -1,6 +1,6 @@
-"""Worker processes that compute units; a process that dies is replaced.
+"""Worker processes that compute units of work; a process that dies is replaced.
 
-A worker gets the job once, then units, and gives back what each came to. `Serial` is the same without processes.
+A worker gets the job once, then units, and returns the result of each. `Serial` does the same without processes.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ class Serial(Generic[Unit, Result]):
         self._units.append(unit)
 
     def collect(self) -> list[tuple[Unit, Result]]:
-        """Compute the next unit of the queue."""
+        """Compute the next unit of the queue; return it with its result."""
         unit = self._units.popleft()
         return [(unit, self._do(unit))]
 
@@ -78,12 +78,12 @@ class Processes(Generic[Unit, Result]):
         self._processes[here] = process
 
     def submit(self, unit: Unit) -> None:
-        """Hand a unit to the next free process."""
+        """Queue a unit for the next free process."""
         self._queue.append(unit)
         self._hand_out()
 
     def collect(self) -> list[tuple[Unit, Result]]:
-        """Wait for a process to finish a unit.
+        """Wait until one or more units are finished, and return them with their results.
 
         :raises VpsciError: processes die again and again.
         """
@@ -152,14 +152,14 @@ Workers = Serial[Unit, Result] | Processes[Unit, Result]
 
 
 def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
-    """Return `count` workers on this machine; one of them is this process itself."""
+    """Return `count` worker processes on this machine; for a count of 1, this process computes the units itself."""
     return Serial(job) if count == 1 else Processes(job, count)
 
 
 def computed(
     workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: int = 1
 ) -> Iterator[tuple[Unit, Result]]:
-    """Yield computed units; `ahead` more units than workers are submitted at any time.
+    """Submit units and yield each with its result; up to `ahead` more units than workers are submitted at a time.
 
     :param next_unit: returns what is worth doing next; None: nothing, as things are.
     """
