@@ -39,7 +39,7 @@ _OF_A_BAG = (".mcap", ".db3", ".zstd")
 
 @dataclass(frozen=True)
 class EpisodeSource:
-    """A readable source of episodes.
+    """A source of episodes on disk: a near-miss table, a dataset, a bag or an exam.
 
     :ivar path: file or folder.
     :ivar kind: "recorded", "generated", "bag" or "exam".
@@ -58,13 +58,13 @@ class EpisodeSource:
 
     @property
     def key(self) -> str:
-        """The source's name: that of the file or folder."""
+        """The source's name: that of the file without its ending, or of the folder."""
         return self.path.resolve().name if self.kind == "generated" else self.path.resolve().stem
 
     def chosen(self, wanted: Sequence[str] = (), limit: int | None = None) -> list[Listed]:
-        """Return the episodes with these names, labels or numbers; without any, all or an evenly spread choice.
+        """Return the episodes that `wanted` names by name, label or number; if it is empty, all or `limit` of them.
 
-        :param limit: of all at most so many.
+        :param limit: greatest number, evenly spread, if `wanted` is empty.
         :raises InvalidInput: one that is not there.
         """
         if not wanted:
@@ -113,7 +113,7 @@ def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> S
 
 
 def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
-    """Return the source at `path`, or near misses by a name of `read_near_misses`; see `read_episodes`."""
+    """Return the source at `path`, or of a near-miss table by its name ("right_turns/train")."""
     path, part = near_misses_part(path)
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
@@ -157,7 +157,7 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
 
 
 def _exam(folder: Path) -> EpisodeSource:
-    """Return the episodes of every run with a pedestrian, whose name stands before theirs: "learned/6:12"."""
+    """Return the episodes of every run with a pedestrian; their names begin with the run's: "learned/6:12"."""
     runs = [path for path in sorted((folder / "runs").glob("*")) if path.name.partition("-")[0] != ALONE]
     episodes = [
         dataclasses.replace(episode, listed=_of_run(run.name, episode.listed))

@@ -72,7 +72,7 @@ class Source:
 
 
 def shown(episode: Episode) -> Shown:
-    """Return an episode with its yielding and the properties by which the page filters."""
+    """Return an episode with who yielded, and with the properties by which the page filters."""
     code, least = episode.yielded(), episode.least_curvttc
     applies = {
         "critical": least < CRITICAL_TTC,
@@ -150,7 +150,7 @@ def _values(episode: Episode) -> tuple[Floats, Floats]:
 
 
 def grounds(sources: Sequence[Source], *, shipped: bool) -> dict[int, Any]:
-    """Return the ground of every occurring scenario by number: scenarios of Table 6 if `shipped`, or all others."""
+    """Return number -> `ground` of the scenarios of these sources: those of Table 6 if `shipped`, else the others."""
     table_6 = {scenario.number for scenario in shipped_scenarios()}
     used = (shown.episode.scenario for source in sources for shown in source.episodes)
     found = {road.number: road for road in used if road is not None and (road.number in table_6) == shipped}

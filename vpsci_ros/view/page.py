@@ -31,7 +31,7 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
 
 
 def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
-    """Return sources with unique keys and titles; repeated ones get a number."""
+    """Return sources with unique keys; a source with a repeated key gets a number in key and title."""
     seen: Counter[str] = Counter()
     out = []
     for source in sources:
@@ -43,5 +43,5 @@ def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
 
 
 def inlined(*names: str) -> str:
-    """Return the concatenated text of files of `templates`."""
+    """Return the concatenated text of these files in `templates`."""
     return "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names)
