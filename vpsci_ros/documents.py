@@ -37,7 +37,7 @@ def shown(value: Any) -> str:
 
 
 def listed(names: Iterable[object], most: int = 8) -> str:
-    """Return names for an error message: at most `most` names, and how many there are; "none" without any."""
+    """Return names for an error message: at most `most`, and the total number if there are more; "none" for none."""
     texts = [str(name) for name in names]
     return ", ".join(texts[:most] + [f"... {len(texts)} in all"] * (len(texts) > most)) or "none"
 
@@ -133,7 +133,7 @@ class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
 
 
 def dump_yaml(value: Any) -> str:
-    """Return plain values as YAML, in their own order, that `parse_yaml` reads."""
+    """Return plain values as a YAML text that `parse_yaml` reads, with keys in their given order."""
     return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False))
 
 
@@ -146,11 +146,10 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def require_regular(path: str | Path, most: int = 2**40) -> None:
-    """Refuse a path that is no regular file, such as a pipe, a device or a socket.
+    """Refuse a pipe, a device or a socket, and a file of more than `most` bytes.
 
     A file that is not there, or a folder, is left to what opens it.
 
-    :param most: size [bytes] beyond which a file is refused, too.
     :raises InvalidInput: see above.
     """
     try:
@@ -166,12 +165,12 @@ def require_regular(path: str | Path, most: int = 2**40) -> None:
 
 
 def printable(text: str) -> str:
-    """Return a printable text: all control characters are escaped."""
+    """Return a text with all unprintable characters escaped, except line breaks and tabs."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
 
 
 def read_text(path: str | Path, what: str, most: int | None = None) -> str:
-    """Return the text of a file; refuse a file of more than `LONGEST` bytes, or another given number.
+    """Return the text of a file; refuse a file of more than `most` bytes (default: `LONGEST`).
 
     :raises InvalidInput: it cannot be read, or is not UTF-8.
     """

@@ -48,7 +48,7 @@ class VpsciError(Exception):
 
 
 class InvalidInput(VpsciError, ValueError):
-    """Data, a parameter or a file is not as it has to be (also a `ValueError`)."""
+    """Data, a parameter or a file is refused, as its message explains (also a `ValueError`)."""
 
 
 class NotInstalled(ImportError, InvalidInput):
@@ -56,7 +56,7 @@ class NotInstalled(ImportError, InvalidInput):
 
 
 class Stopped(Exception):
-    """Raised by a `report` callback to stop a run, which then writes a checkpoint to go on from; no error."""
+    """Raised to stop a run on request, as by a `report` callback; not an error: the same command resumes the run."""
 
 
 def require(*modules: str) -> None:

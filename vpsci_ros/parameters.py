@@ -1,4 +1,4 @@
-"""Parameters as one table: a frozen dataclass per room, declared once, read from ROS 2 parameter files.
+"""Parameters as fields of frozen dataclasses: declared once, checked, and read from ROS 2 parameter files.
 
 A configuration class lists its fields with `parameter(...)`, and with `constant(...)` those that only Python sets: a
 constant is recorded and checked as a parameter is, but no node declares it and no parameter file has it. A field whose
@@ -42,7 +42,7 @@ class Parameter:
     constant: bool
 
     def check(self, value: Any, where: str) -> Any:
-        """Return `value` in the parameter's type.
+        """Check `value` against this row, and return it in the parameter's type.
 
         :raises InvalidInput: wrong type, not finite, out of range or not among the choices; `where` opens the message.
         """
@@ -85,7 +85,7 @@ def parameter(
     read_only: bool = True,
     constant: bool = False,
 ) -> Any:
-    """Declare a configuration field that is also a ROS 2 parameter; a list default is given as a list."""
+    """Declare a configuration field that is also a ROS 2 parameter; a `default` may be a list."""
     metadata = {
         "description": description,
         "unit": unit,
@@ -105,12 +105,12 @@ constant = partial(parameter, constant=True)
 
 
 def table(config: type) -> list[Parameter]:
-    """Return the parameter table of a configuration class in the order of its fields, groups in their place."""
+    """Return the parameters of a configuration class, in the order of its fields, those of groups included."""
     return [row for row in with_constants(config) if not row.constant]
 
 
 def with_constants(config: type) -> list[Parameter]:
-    """Return the parameter table of a configuration class and its constants."""
+    """Return the parameters and constants of a configuration class, in the order of its fields."""
     hints = get_type_hints(config)
     rows = []
     for field in dataclasses.fields(config):
@@ -156,7 +156,7 @@ def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
 
 
 def pick(config: type[T], values: Mapping[str, Any], where: str) -> T:
-    """Build one of a section's configuration classes from the section's values."""
+    """Build `config` from those of a section's values that are its fields."""
     names = {row.name for row in with_constants(config)}
     return build(config, {name: value for name, value in values.items() if name in names}, where)
 
@@ -182,7 +182,7 @@ def flat(tree: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by names with dots as nested mappings, as in a parameter file."""
+    """Return values, by names with dots, as nested mappings, as in a parameter file."""
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, last = name.split(".")

@@ -34,7 +34,7 @@ def params_path(name: str | Path, package: Path = _PACKAGE) -> Path:
 
 
 def messages_dir(package: Path = _PACKAGE) -> Path:
-    """Return the folder of the message definitions of vpsci_msgs (`*.msg`), which lie as the parameter files do.
+    """Return the folder of the message definitions of vpsci_msgs (`*.msg`), found like that of `params_dir`.
 
     :raises InvalidInput: the package was installed without them.
     """
@@ -80,12 +80,12 @@ def weights_path(name: str, package: Path = _PACKAGE, *, made_by: str = "vpsci p
 
 
 def recorded_onsets_path(package: Path = _PACKAGE) -> Path:
-    """Return the table of recorded onsets (CSV) that scenes of right turns are drawn from."""
+    """Return the CSV file of recorded onsets, from which the spawn method `right_turns` draws."""
     return package / "recordings" / "onsets.csv"
 
 
 def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, str]:
-    """Return the near-miss table `name`, and its part as a prefix of clip names ("" for all).
+    """Return the file of the near-miss table that `name` names, and its part as a prefix of clip names ("": all).
 
     A table is "right_turns", which is shipped with the package, or a path; a part is named as if the table were a
     folder of its clips: "right_turns/train", "mine.parquet/dev/corner1".
@@ -100,5 +100,5 @@ def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, 
 
 
 def near_misses_path(name: str | Path, package: Path = _PACKAGE) -> Path:
-    """Return the file of the near-miss table `name`, or of a part of it; see `near_misses_part`."""
+    """Return the file of the near-miss table that `name` names, as a whole or in part; see `near_misses_part`."""
     return near_misses_part(name, package)[0]
