@@ -1,6 +1,6 @@
-"""Conversion of CARLA's actors: its frame is left-handed, with y to the south, degrees clockwise from x, and z up.
+"""Conversion of CARLA's actors: CARLA's frame is left-handed, y to the south, degrees clockwise from x, z up.
 
-An actor's location is the origin of its model; ours is the centre of its bounding box.
+An actor's location is the origin of its model; this package's place of an agent is the centre of its bounding box.
 """
 
 import math
@@ -39,7 +39,7 @@ class Actor(Protocol):
 
 
 def vehicle_of(actor: Actor) -> Vehicle:
-    """Return a vehicle's present state in our frame: x east, y north, counter-clockwise, centre of its box."""
+    """Return a vehicle's present state: centre of its box, x east, y north, heading counter-clockwise from x."""
     place, box = actor.get_transform(), actor.bounding_box
     heading = -math.radians(place.rotation.yaw)
     c, s = math.cos(heading), math.sin(heading)
@@ -60,13 +60,13 @@ def vehicle_of(actor: Actor) -> Vehicle:
 
 
 def walker_of(actor: Actor) -> Walker:
-    """Return a pedestrian's present state in our frame."""
+    """Return a pedestrian's present place [m] and velocity [m/s], x east, y north."""
     location, velocity = actor.get_transform().location, actor.get_velocity()
     return Walker(location.x, -location.y, velocity.x, -velocity.y)
 
 
 def vehicle_transform(vehicle: Vehicle, centre: Any, height: float) -> Any:
-    """Return the carla.Transform that places the box of a CARLA vehicle at the position of ours.
+    """Return the carla.Transform at which the box of a CARLA vehicle has the place and heading of `vehicle`.
 
     :param centre: carla.Location of its box in its own frame [m].
     :param height: z of the actor [m].
@@ -79,7 +79,7 @@ def vehicle_transform(vehicle: Vehicle, centre: Any, height: float) -> Any:
 
 
 def walker_control(vx: float, vy: float) -> Any:
-    """Return the carla.WalkerControl that walks with a velocity of our frame [m/s]."""
+    """Return the carla.WalkerControl that walks with a velocity [m/s], x east, y north."""
     import carla
 
     speed = math.hypot(vx, vy)
@@ -89,7 +89,7 @@ def walker_control(vx: float, vy: float) -> Any:
 
 
 def vehicle_control(steer: float, throttle: float, brake: float) -> Any:
-    """Return controls as carla.VehicleControl; our steer, -1 to 1, is positive to the left, CARLA's to the right."""
+    """Return a carla.VehicleControl; the given `steer`, -1 to 1, is positive to the left, CARLA's to the right."""
     import carla
 
     return carla.VehicleControl(throttle=throttle, steer=-steer, brake=brake)

@@ -8,7 +8,7 @@ from vpsci_ros.nodes.world_simulator import WorldSimulator
 
 
 class CarlaWorld(WorldSimulator):
-    """The world simulator, with a CARLA server in place of our kinematics (docs/carla.md)."""
+    """The world simulator, with a CARLA server in place of the package's kinematics (docs/carla.md)."""
 
     def __init__(self, *, parameter_overrides: list[Any] | None = None, **given: Any) -> None:
         engine = Parameter("engine", value="carla")

@@ -31,10 +31,10 @@ class Controls(NamedTuple):
 
 
 class Server(Protocol):
-    """An engine with one vehicle and one pedestrian; places and velocities are in our frame."""
+    """An engine with one vehicle and one pedestrian; places and velocities have x east and y north."""
 
     def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
-        """Place both agents for the start of an episode, with their velocities; None: without a pedestrian."""
+        """Place both agents at their places and velocities for the start of an episode; None: no pedestrian."""
 
     def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
         """Advance both agents by one tick and return their states.
@@ -47,7 +47,7 @@ class Server(Protocol):
 
 
 class LiveServer:
-    """A CARLA server, in synchronous mode while this is open.
+    """A CARLA server, in synchronous mode until `close`.
 
     :param address: HOST:PORT/MAP, each of which may be left out; MAP is loaded, else the server keeps the one it has.
     :param period: of a tick [s].
@@ -135,7 +135,7 @@ class LiveServer:
         self._actors.append(actor)
 
     def _limit_steering(self) -> None:
-        """Give the front wheels the angle that steer 1 stands for in our world (CARLA's own goes to 70 degrees)."""
+        """Limit the front wheels to the angle of steer 1 in this package's world (CARLA's own limit is 70 degrees)."""
         physics = self._actors[0].get_physics_control()
         wheels = physics.wheels
         for wheel in wheels[:2]:

@@ -14,7 +14,7 @@ class LearnedWalker:
     """Moves a `carla.Walker` by a `vpsci_ros.Pedestrian`: call `step` before each `world.tick()`.
 
     :param actor: the walker, spawned where it is to set off; nobody else, no AI controller either, moves it.
-    :param pedestrian: who it is; its route or goal is in our frame, whose y is CARLA's with the sign changed.
+    :param pedestrian: who it is; its route or goal is in this package's frame, y is CARLA's with the sign changed.
     """
 
     def __init__(self, actor: Actor, pedestrian: Pedestrian) -> None:
@@ -27,7 +27,7 @@ class LearnedWalker:
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Walk:
-        """Apply the pedestrian's next velocity to the walker and return its motion; `walk.faces` is an actor's id.
+        """Apply the pedestrian's next velocity to the walker and return its motion, whose `faces` is an actor's id.
 
         :param vehicles: those that it may react to; `walkers`: the others; its own actor among them is left out.
         :param parked: see `Pedestrian.step`.

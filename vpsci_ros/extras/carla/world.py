@@ -18,7 +18,7 @@ ABSENT = 500.0  # [m] from the vehicle: nobody is there (an exam's reference), a
 
 
 class EngineWorld(World):
-    """Episodes that run one after the other in a server.
+    """A world whose episodes run one after the other in an engine's server.
 
     At each tick `World` says how it would go on: what the vehicle's controls are, and which velocity the pedestrian
     wants. The server moves both; where they are then, whether they touch and have arrived is of the server's places.

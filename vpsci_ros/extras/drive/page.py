@@ -21,7 +21,7 @@ TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
 class Left(InvalidInput):
-    """The person has closed the page or finished."""
+    """Raised when the person has closed the page, begins the episode again, or has finished."""
 
 
 class Pressed(NamedTuple):

@@ -32,7 +32,7 @@ RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it 
 
 
 def prepare_person(sections: Sections) -> tuple[Exam, float]:
-    """Return the exam of a person, and its simulated time over wall time (1.0: real time).
+    """Return the exam of a person, and the ratio of simulated to wall time (1.0: real time).
 
     :raises InvalidInput: see `prepare`, or its time does not go.
     """

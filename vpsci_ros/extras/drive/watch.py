@@ -24,7 +24,7 @@ def watch_graph(page: Page, scenarios: list[Scenario]) -> None:
 
 
 class Seen:
-    """The messages of a graph that the page has shown."""
+    """Shows a graph's states in the page, at most one every `EYES` seconds."""
 
     def __init__(self, page: Page, roads: dict[int, Scenario]) -> None:
         self._page, self._roads = page, roads
@@ -32,7 +32,7 @@ class Seen:
         self._next = 0.0
 
     def take(self, topic: str, message: bytes) -> None:
-        """Show a message, unless another message was shown a short time before.
+        """Show a message, unless another one was shown less than `EYES` seconds before.
 
         :raises InvalidInput: its episode takes place in a scenario of which nothing is known.
         """

@@ -30,7 +30,7 @@ def ads_search(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Find episodes in which a driving system fails (ads_test.failure), and estimate how often it fails."""
+    """Find episodes in which a driving system fails (parameter ads_test.failure), and estimate how often it does."""
     from vpsci_ros.exam.exam import prepare
     from vpsci_ros.extras.exam_extra.search.run import run_search
     from vpsci_ros.extras.exam_extra.search.seek import SearchConfig

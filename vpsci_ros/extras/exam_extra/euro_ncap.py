@@ -165,7 +165,7 @@ def cells() -> list[Cell]:
 
 
 def document(cell: Cell) -> dict[str, Any]:
-    """Return the scenario of a cell, with the content of its YAML file."""
+    """Return the scenario of a cell, as the content of a scenario's YAML file."""
     test, speed, time = cell.spec, cell.speed * KMH, _time_to_impact(cell)
     run_up = 10.0 + speed * time
     if test.turn is None:
@@ -250,9 +250,9 @@ def _parked(path: float) -> list[dict[str, float]]:
 
 
 def motion(scenarios: Sequence[Scenario], config: WorldConfig) -> Motion:
-    """Return the target's motion in each cell's episode, which a vehicle at constant speed hits at the cell's location.
+    """Return the target's motion in each cell's episode: a vehicle at constant speed hits it at the cell's location.
 
-    Where that is follows from the vehicle as the world drives it along its path.
+    The place of the impact follows from the vehicle as the world drives it along its path.
 
     :param scenarios: of cells, their numbers among those of `cells`.
     """

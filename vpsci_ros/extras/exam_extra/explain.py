@@ -34,7 +34,7 @@ _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"
 
 
 def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limit: float = math.inf) -> Path:
-    """Repeat the worst failures of an exam, and return the page that shows the changes that avoid each.
+    """Repeat the worst failures of an exam, and return the path of the page with the changes that avoid each.
 
     :param failures: with each pedestrian, at most.
     :param limit: seconds after which no further run begins.
@@ -98,7 +98,7 @@ def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) ->
 
 
 def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
-    """Return the repeated episodes for the page that plays them; None if there are none.
+    """Return the repeated episodes with one pedestrian as a source of the page; None if there are none.
 
     Its `changes` say which of them belongs to which failure, factor and amount, so that the page has a slider.
     """

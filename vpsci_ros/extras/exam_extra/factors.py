@@ -20,7 +20,7 @@ LONGEST = 3.0  # [s] by which braking is made earlier at most
 
 
 class Case(NamedTuple):
-    """A failed episode, as the factors need it.
+    """A failed episode, with the frames and accelerations that the factors need.
 
     :ivar end: frame of the contact, or of the least CurvTTC where there is none.
     :ivar onset: frame at which CurvTTC first falls below 5 s.
@@ -71,7 +71,7 @@ class Factor:
 
 
 def case_of(episode: Episode) -> Case:
-    """Return the frames and accelerations of a failed episode that the factors need."""
+    """Return a failed episode with the frames and accelerations that the factors need."""
     seen = episode.filled()
     curvttc = np.nan_to_num(seen.curvttc.min(axis=0), nan=np.inf, posinf=np.inf)
     end = len(seen.speed) - 1 if episode.outcome == "collision" else int(curvttc.argmin())

@@ -53,7 +53,7 @@ class AutopilotBrake:
         self._near = near  # [m] before the front
 
     def reset(self, begin: Any) -> None:
-        """Begin an episode."""
+        """Begin an episode; the rule has no memory."""
 
     def act(self, observation: Any) -> float:
         """Return the acceleration [m/s2]: full braking or 0."""
@@ -169,7 +169,7 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
 
 
 def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return rows of driver and pedestrian: points of the protocol beside the exam's moving collision rate.
+    """Return a row for each driver and pedestrian: the protocol's points beside the exam's moving collision rate.
 
     :param scores: driver -> pedestrian -> measures.
     """

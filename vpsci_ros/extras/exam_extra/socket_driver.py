@@ -54,7 +54,7 @@ class SocketDriver:
             self._send(HELLO | {"period": period})
 
     def reset(self, begin: Begin) -> None:
-        """Begin an episode."""
+        """Send the scenario, number, seed and lane of the episode that begins."""
         road = begin.scenario.vehicle
         lane = {"lane": road.path.points.tolist(), "lane_width": road.lane_width}
         episode = {"scenario": begin.scenario.number, "name": begin.scenario.name, "episode": begin.episode}

@@ -37,7 +37,7 @@ HALVINGS = 3  # after them
 
 @dataclasses.dataclass
 class Search:
-    """The amounts of one factor that were tried in one case, with one pedestrian.
+    """The tried amounts of one factor in one failed episode, with one pedestrian.
 
     :ivar failed: amount -> whether the episode failed with it, 0 for as it was.
     :ivar cut: whether the limit of time came before all amounts were tried.

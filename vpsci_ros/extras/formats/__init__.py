@@ -1,7 +1,7 @@
 """Other file formats: `vpsci export` writes datasets, bags or exams; further importers read recordings.
 
 `movers` holds what all formats write of an episode. `openscenario` (with the maps of `opendrive`), `commonroad`, `osi`,
-`scenarionet`, `minari`, `mp4` and `carla_csv` write one format each. `run` has the list of formats, to which other
-distributions add theirs. `hc` and `track_tables` are importers. The libraries are optional (extra `formats`):
-a missing one is named with the command that installs it.
+`lanelet2`, `scenarionet`, `minari`, `mp4` and `carla_csv` write one format each. `run` has the list of formats, to
+which other Python packages add theirs. `hc` and `track_tables` are importers. The libraries are optional (extra
+`formats`): a missing one is named with the command that installs it.
 """

@@ -29,7 +29,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
 
 
 def rows(episode: Episode) -> pl.DataFrame:
-    """Return the rows of the vehicle with one pedestrian after the other, columns of `DATASET_COLUMNS`."""
+    """Return an episode in `DATASET_COLUMNS`: a row a frame, first of the first pedestrian, then of the next ones."""
     vehicle, *pedestrians = movers(episode)
     count = np.full(len(episode), episode.number)
     parts = []

@@ -1,4 +1,4 @@
-"""Episodes as CommonRoad scenarios (2020a XML): the lane as lanelets, pedestrians as obstacles, a planner's problem.
+"""Episodes as CommonRoad scenarios (2020a XML): lane, pedestrians as obstacles, the vehicle's planning problem.
 
 The planning problem is the vehicle's: from where it began, with its speed, to the far side of the crosswalk while the
 episode lasts. By choice the vehicle is an obstacle with its own trajectory as well, to be looked at.

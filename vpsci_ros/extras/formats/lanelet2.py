@@ -26,7 +26,7 @@ NORTH = AXIS * (1.0 - SQUARED_ECCENTRICITY)  # [m] a radian northwards at the eq
 
 
 def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
-    """Write SCENARIO.osm for each road of the episodes."""
+    """Write SCENARIO.osm for each scenario of the episodes, and return the number of files."""
     names = set()
     for episode in episodes:
         scenario = road_of(episode)
@@ -37,7 +37,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
 
 
 def document(scenario: Scenario) -> "ET.ElementTree[ET.Element]":
-    """Return a scenario's lane and crosswalk as a map."""
+    """Return a scenario's lane and crosswalk as a Lanelet2 map."""
     osm = _Map()
     lane, half = scenario.vehicle.path, 0.5 * scenario.vehicle.lane_width
     count = math.ceil((lane.length + 2.0 * BEYOND) / STEP)

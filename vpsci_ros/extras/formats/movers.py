@@ -62,7 +62,7 @@ def movers(episode: Episode) -> list[Mover]:
 
 
 def tenths(episode: Episode) -> slice:
-    """Return the indices of the frames at every tenth of a second, from the first on.
+    """Return the slice of the frames at every tenth of a second, from the first on.
 
     :raises InvalidInput: frames that do not come at whole fractions of it.
     """
@@ -76,7 +76,7 @@ def tenths(episode: Episode) -> slice:
 
 
 def road_of(episode: Episode) -> Scenario:
-    """Return the scenario, for formats that need a road.
+    """Return the scenario of an episode, for formats that need a road.
 
     :raises InvalidInput: the source does not hold one.
     """

@@ -21,7 +21,7 @@ _MARGIN = 4.0  # [m] around all that moves
 
 
 def pictures(episode: Episode) -> Iterator[NDArray[np.uint8]]:
-    """Yield uint8[640, 640, 3] for each frame; frames without data repeat the last known one."""
+    """Yield the scene of each frame from above, uint8[640, 640, 3]; frames without data repeat the last known one."""
     one = episode.filled()
     figure, ((axis,),) = new_figure(SIZE / 100.0, SIZE / 100.0)
     figure.set_layout_engine("none")

@@ -25,7 +25,7 @@ CONTROLLER = "external_control"  # module by which CARLA's ScenarioRunner leaves
 
 
 def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
-    """Write NAME.xosc for each episode, and SCENARIO.xodr for each road unless another map is given."""
+    """Write NAME.xosc for each episode and, unless a map is given, SCENARIO.xodr; return the number of files."""
     maps: set[Path] = set()
     count = 0
     for episode in episodes:

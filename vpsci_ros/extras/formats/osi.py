@@ -1,4 +1,4 @@
-"""Episodes as ASAM OSI ground truth in MCAP, one trace an episode, with the metadata that OSI asks of such a file.
+"""Episodes as ASAM OSI ground truth in MCAP, one trace an episode, with the metadata that OSI requires.
 
 One GroundTruth a frame: the vehicle as host, the pedestrians, and the lane with its boundaries where the road is known.
 Positions are the centres of the bounding boxes, z up from a flat road.
@@ -76,7 +76,7 @@ def osi_version() -> InterfaceVersion:
 
 
 def ground_truths(episode: Episode) -> Iterator[GroundTruth]:
-    """Yield the ground truth of each frame; time 0 is the episode's first."""
+    """Yield the ground truth of each frame; time 0 is the episode's first frame."""
     static = GroundTruth()
     static.version.CopyFrom(osi_version())
     static.host_vehicle_id.value = HOST

@@ -27,7 +27,7 @@ _PROTOCOL = 4
 
 
 def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
-    """Write sd_vpsci_ros_NAME.pkl for each episode, dataset_summary.pkl and dataset_mapping.pkl."""
+    """Write sd_vpsci_ros_NAME.pkl for each episode, dataset_summary.pkl and _mapping.pkl; return their number."""
     summary = {}
     for episode in episodes:
         found = record(episode)
@@ -45,7 +45,7 @@ def _dump(content: dict[str, Any], path: Path) -> None:
 
 
 def record(episode: Episode) -> dict[str, Any]:
-    """Return an episode as ScenarioNet's dict.
+    """Return an episode as the dictionary of a ScenarioNet record.
 
     :raises InvalidInput: see `tenths`.
     """

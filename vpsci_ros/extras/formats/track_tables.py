@@ -34,7 +34,7 @@ _FLIP = 0.5  # [rad] a heading that turns by more in 0.1 s
 
 
 def levelx(folder: Path) -> Iterator[Clip]:
-    """Yield the recordings of inD, rounD or uniD: NN_tracks.csv, NN_tracksMeta.csv, NN_recordingMeta.csv.
+    """Yield a clip for each recording of inD, rounD or uniD: NN_tracks.csv, _tracksMeta.csv, _recordingMeta.csv.
 
     Source: https://levelxdata.com. Metres, y up, headings in degrees; classes and sizes are in tracksMeta, the frame
     rate in recordingMeta.
@@ -92,7 +92,7 @@ def taf_bw(folder: Path) -> Iterator[Clip]:
 
 
 def read_clip(name: str, path: Path) -> Clip:
-    """Read one file and resample its tracks to 0.1 s.
+    """Read one file of TAF-BW and resample its tracks to 0.1 s.
 
     :raises InvalidInput: a column is missing or holds something else.
     """

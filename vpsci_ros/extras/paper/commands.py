@@ -65,7 +65,7 @@ def samples(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
+    """Repeat Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
 
     Prints rewards and critic losses of the training, and rewards and errors on
     held-out clips, which are the same for all sizes, beside the last velocity
@@ -98,7 +98,7 @@ def folds(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Cross-validation: errors of stage 1, or of both, with every clip held out once, beside naive controls.
+    """Cross-validate stage 1, or stages 1 and 2: errors with every clip held out once, beside naive controls.
 
     Trains once for each fold, on the clips of the other folds, and measures
     each interaction with the policies not trained on its clip: Table 9's
@@ -147,7 +147,7 @@ def models(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Table 9: its models, trained by supervision and by reinforcement, with and without hybrid learning.
+    """Repeat Table 9: its models, by supervision and by reinforcement, with and without hybrid learning.
 
     All models have the same inputs, near misses and number of updates. sst,
     transformer, lstm and feedforward predict the next velocity; ..._ddpg and
@@ -198,7 +198,7 @@ def weights(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Table 5: stage 2 under seven fixed weightings of its rewards and the adaptive one, beside the paper's values.
+    """Repeat Table 5: stage 2 with seven fixed weightings of its rewards and the adaptive one, beside the paper's.
 
     All start from learner.weights. Collision and goal rates, with 95%
     intervals, are measured after training, on fresh episodes without
@@ -239,7 +239,7 @@ def paper(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """All figures and tables of the paper, from a dataset and from finished runs, as one page.
+    """Write the paper's figures and tables of results, from a dataset and from finished runs, as one page.
 
     Figures 4, 5, 7 to 9, 11 to 13 and Tables 6, 7, 10 come from the dataset,
     recorded near misses and a dataset of the rule-based pair (`vpsci report

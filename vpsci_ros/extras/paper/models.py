@@ -1,4 +1,4 @@
-"""The networks and objectives of Table 9's other rows, found by entry points: layers in place of the SST's.
+"""The models of the paper's Table 9, found by entry points, and their layers in place of the SST's.
 
 Each is a residual layer that ends in a layer normalisation, like `SSTLayer`, so that a network differs from the SST in
 how it takes up the history and in nothing else. None has the gate of (4).

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class PublishedSample(NamedTuple):
-    """A row of Table 3."""
+    """A row of the paper's Table 3: rewards and critic loss of stage 1."""
 
     vehicle_reward: float
     pedestrian_reward: float
@@ -12,7 +12,7 @@ class PublishedSample(NamedTuple):
 
 
 class PublishedWeighting(NamedTuple):
-    """A row of Table 5: w_1 to w_3 (none where they adapt), rates as shares of 1, errors [m]."""
+    """A row of the paper's Table 5: w_1 to w_3 (empty: adaptive), rates from 0 to 1, errors [m]."""
 
     weights: tuple[float, ...]
     collision_rate: float
@@ -42,7 +42,7 @@ TABLE_5 = {
 
 
 class PublishedModel(NamedTuple):
-    """A row of Table 9: the model's name in the paper, and its errors [m] on the paper's data."""
+    """A row of the paper's Table 9: the model's name in the paper, and its errors [m] on the paper's data."""
 
     name: str
     ade: float
@@ -76,7 +76,7 @@ TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning 
 
 
 class PublishedPair(NamedTuple):
-    """A row of Table 11."""
+    """A row of the paper's Table 11: the comparison of the realism scores of two sources."""
 
     t: float
     p: str

@@ -62,7 +62,7 @@ def _closed(values: Floats) -> Floats:
 
 
 def hdi(folder: Path) -> Iterator[Clip]:
-    """Yield the recordings of HDI: CSV files, and hdi.yaml with `frame_rate` [1/s] and `metres` in a pixel.
+    """Yield a clip for each CSV file of HDI; hdi.yaml has `frame_rate` [1/s] and the `metres` of a pixel.
 
     :raises InvalidInput: no such files, or units that the column of speeds contradicts.
     """

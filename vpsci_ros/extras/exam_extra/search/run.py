@@ -121,7 +121,7 @@ def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int =
 
 
 def plain(count: Count, driven: int) -> dict[str, float]:
-    """Return the number of random episodes that would give the same interval, and its ratio to the driven episodes.
+    """Return how many random episodes would give an interval of this width, and their ratio to the driven ones.
 
     By the normal approximation, n = z^2 p (1 - p) / h^2 for half the interval's width h.
     """

@@ -18,7 +18,7 @@ NEAREST = 32  # onsets of other clips whose residuals are borrowed
 
 
 def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
-    """Return positions with the vehicle's curvature and acceleration replaced by the mean of other clips, K = 1.
+    """Return roll-outs [n, 1, 2, 30, 2] [m] in which the vehicle has other clips' mean curvature and acceleration.
 
     Both are means over the 3 s after the library's onsets, of those in `borrowable`: one bend, one deceleration for all
     of a source. The pedestrian keeps its velocity.
@@ -45,7 +45,7 @@ def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
 
 
 def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_middle: Floats) -> Floats:
-    """Return the `middle` trajectories plus the residuals of the `NEAREST` most similar onsets of other clips.
+    """Return roll-outs [n, K, 2, 30, 2] [m]: `middle` plus residuals of the K most similar onsets of other clips.
 
     A residual is the recording less its own middle trajectory: the vehicle's forward and left of its heading, the
     pedestrian's in the same frame. No residual comes from the own clip, nor of another source where the own one

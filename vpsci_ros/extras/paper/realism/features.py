@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 
 def with_borrowed_noise(positions: Floats, onsets: Onsets, seed: int, library: Onsets | None = None) -> Floats:
-    """Return smoothed positions [n, K, 2, 30, 2] plus the noise that smoothing removed from another clip's recording.
+    """Return smoothed positions [n, K, 2, 30, 2] [m], plus the noise that smoothing removed from other clips.
 
     A residual is what smoothing takes away, along and to the left of the way of the agent. It comes from one of the
     recordings nearest in the agent's mean speed, so that a standing car does not get the shake of a moving one.

@@ -54,7 +54,7 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
 
 
 def as_near_misses(dataset: Dataset, episodes: int, seed: int) -> pl.DataFrame:
-    """Return episodes of a dataset in the columns of a near-miss table that measures of realism read.
+    """Return a dataset's critical pairs as a near-miss table, with the columns that the measures of realism read.
 
     A scenario is a clip. Rejected episodes come first, if the dataset holds them, and then kept ones, drawn among all;
     each pedestrian makes an interaction, and those that never become critical are left out.

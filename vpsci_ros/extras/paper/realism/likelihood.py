@@ -42,7 +42,7 @@ QUANTITIES = {
 
 
 def values(of: Motion) -> dict[str, Floats]:
-    """Return the values of `QUANTITIES` of motion over trajectories [...]: float64[..., steps] each."""
+    """Return name -> values, float64[..., steps], of each of `QUANTITIES` along the trajectories [...] of a motion."""
     return {
         "vehicle_speed": of.speed[..., 0, :],
         "vehicle_acceleration": of.acceleration[..., 0, :],

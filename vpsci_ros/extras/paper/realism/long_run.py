@@ -1,4 +1,4 @@
-"""Statistics of whole episodes after the onset: repeated critical phases, stops, set-offs and extremes.
+"""Statistics of whole episodes after the onset: repeated critical phases, stops, new starts and extremes.
 
 Recorded tracks end soon, simulated episodes at the goal, and a longer track shows more events. So each generated
 interaction is watched after its onset for as long as a recorded one, drawn at random, was.
@@ -40,7 +40,7 @@ def long_run(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int) -> dict
 def watched_tracks(
     recorded: pl.DataFrame, generated: pl.DataFrame, seed: int
 ) -> tuple[dict[int, Floats], dict[int, Floats]]:
-    """Return recorded and generated tracks from the onset on; generated ones are cut to lengths of recorded ones."""
+    """Return recorded and generated tracks from the onset on, the latter cut to random lengths of recorded ones."""
     people = _tracks(recorded)
     lengths = np.array([len(track) for track in people.values()])
     drawn = np.random.default_rng([seed, 1]).choice(lengths, size=generated["interaction"].n_unique())
@@ -70,7 +70,7 @@ def _tracks(table: pl.DataFrame, lengths: NDArray[np.int64] | None = None) -> di
 
 
 def course(track: Floats) -> dict[str, float]:
-    """Return the statistics of one interaction; set-off is NaN where the agent never stood.
+    """Return the statistics of one interaction; those of an agent's stop are NaN where the agent never stood.
 
     :param track: float64[T, 4] of the vehicle's speed, walking speed [m/s], CurvTTC [s], clearance [m] from the onset.
     """

@@ -31,7 +31,7 @@ class Motion(NamedTuple):
 
 
 def fitted(steps: int, back: int, ahead: int, *, slope: bool = False) -> Floats:
-    """Return the matrix [steps, steps] that fits a line to the values around each step and takes its value there.
+    """Return the matrix [steps, steps] that replaces each value by that of a line fitted to the values around it.
 
     The window runs from `back` steps before to `ahead` after; near an end it is moved inside (`ahead` > 0) or cut short
     (looking back alone). With `slope` the matrix returns the line's slope per second instead.
@@ -53,7 +53,7 @@ def fitted(steps: int, back: int, ahead: int, *, slope: bool = False) -> Floats:
 
 
 def smoothed(path: Floats) -> Floats:
-    """Return positions [..., T, 2], each on a line fitted to 0.9 s around it; at the ends on the first or last line."""
+    """Return positions [..., T, 2], each on a line fitted to the 0.9 s around it, or to the first or last 0.9 s."""
     result: Floats = np.einsum("st,...tc->...sc", fitted(path.shape[-2], 4, 4), path)
     return result
 

@@ -55,7 +55,7 @@ def measure_realism(
     inputs: Mapping[str, str] | None = None,
     notify: Notify = lambda *_: None,
 ) -> dict[str, Any]:
-    """Return the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
+    """Return the measures in the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.

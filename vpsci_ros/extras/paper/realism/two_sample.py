@@ -39,7 +39,7 @@ def two_sample(
     paired: bool = True,
     repetitions: int = REPETITIONS,
 ) -> TwoSample:
-    """Classify recordings and simulations with folds by unit, repeated with new folds and draws.
+    """Return how well a classifier separates recordings from simulations of units that it was not trained on.
 
     :param recorded: feature -> float64[n].
     :param simulated: feature -> float64[m, K], K simulations that share a weight of 1; a mapping for each repetition,

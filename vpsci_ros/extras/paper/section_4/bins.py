@@ -13,7 +13,7 @@ LEAST_IN_BIN = 10  # interactions; a share of fewer says nothing
 
 
 class Question(NamedTuple):
-    """A question about the share of `flag` in bins (conditions on `comparison.SCHEMA`), and the paper's answer."""
+    """A question about the share with `flag` in bins (conditions on `encounters.SCHEMA`), and the paper's answer."""
 
     name: str
     flag: str
@@ -86,12 +86,12 @@ QUESTIONS = (
 
 
 def by_bins(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, list[dict[str, Any]]]:
-    """Return for the name of each question the share in each bin as {"n", "value", "low", "high"}.
+    """Return each question's name -> the share in each of its bins, as {"n", "value", "low", "high"}.
 
     n counts interactions; below `LEAST_IN_BIN` of them the share and its bounds are None. The 95% bounds resample
     groups or interactions, as `comparison.describe` does; a share of 0 or 1, which no resample changes, has Wilson's.
 
-    :param encounters: at least one row of `comparison.SCHEMA`.
+    :param encounters: at least one row of `encounters.SCHEMA`.
     :param clustered: resample the column `group` rather than interactions.
     """
     draws = np.stack(list(weights(encounters, clustered)))

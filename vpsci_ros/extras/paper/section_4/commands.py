@@ -70,7 +70,7 @@ def _safety() -> None:
 
 @safety_app.command("compare")
 def safety_compare(near_misses: Annotated[Path, typer.Argument(help="Near-miss table (Parquet).")]) -> None:
-    """Print how often each safety measure detects the conflicts of the others, and how much earlier."""
+    """Print how often each safety measure detects the conflicts of each other measure, and how much earlier."""
     from vpsci_ros.extras.paper.section_4.safety_compare import compare
 
     compare(near_misses)

@@ -78,7 +78,7 @@ def between_halves(recorded: pl.DataFrame) -> dict[str, dict[str, float]]:
 
 
 def onset_weights(recorded: pl.DataFrame, generated: pl.DataFrame) -> Floats:
-    """Return weights of recorded near misses, float64[N] of sum 1, that match the generated CurvTTC at the onset.
+    """Return weights of recorded near misses, float64[N] of sum 1, that give them the generated CurvTTC at the onset.
 
     What begins at 2 s cannot be kept at 3 s, so a difference in onset is one in the least CurvTTC, too. A class of
     `ONSETS` in which nothing was recorded cannot be weighted, and is left out.
@@ -108,7 +108,7 @@ class _Grid:
 
 
 def weights(table: pl.DataFrame, clustered: bool, seed: int = 0) -> Iterator[Floats]:
-    """Yield `RESAMPLES` bootstrap weights of rows, float64[N] of sum 1, by rows or by whole groups."""
+    """Yield the rows' weights in each of `RESAMPLES` bootstrap samples of rows or groups, float64[N] of sum 1."""
     owner = _owners(table) if clustered else np.arange(table.height)
     count = int(owner.max()) + 1
     for drawn in resamples(count, seed, RESAMPLES):

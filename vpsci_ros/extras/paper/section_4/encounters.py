@@ -34,7 +34,7 @@ SCHEMA = {
 
 
 def generated_encounters(data: Dataset) -> pl.DataFrame:
-    """Return the kept episodes of a dataset as a table of `SCHEMA`, a row for each pedestrian.
+    """Return the kept episodes of a dataset as a table of `SCHEMA`, a row for each pedestrian that becomes critical.
 
     :raises InvalidInput: a file of the dataset is missing or damaged.
     """
@@ -43,7 +43,7 @@ def generated_encounters(data: Dataset) -> pl.DataFrame:
 
 
 def recorded_encounters(near_misses: pl.DataFrame) -> pl.DataFrame:
-    """Return a near-miss table as a table of `SCHEMA`; vehicles have the size of their source.
+    """Return a near-miss table as a table of `SCHEMA`, a row an interaction; vehicles have their source's size.
 
     The onset is that of CurvTTC as known at the step. Who yielded is classified on the whole tracks.
     """

@@ -75,7 +75,7 @@ def save_conflicts(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
 
 
 def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path, sides: Sequence[Axis] = SIDES) -> None:
-    """Draw how often `agent` yields, by distance and speeds at the onset (Figures 9, 12, 13), as a PNG.
+    """Draw how often `agent` yields, by distance and each of `sides` at the onset (Figures 9, 12, 13), as a PNG.
 
     A row a source, or, where there is one side alone, a column.
     """

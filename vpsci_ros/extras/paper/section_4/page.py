@@ -121,7 +121,7 @@ def critical_shares(near_misses: Path) -> dict[str, dict[str, int]]:
 
 
 def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | None) -> list[tuple[str, str, Path]]:
-    """Return key, title and path of each source of a report; its links use the keys."""
+    """Return key, title and path of each source of a report; the report's links use the keys."""
     given = {GENERATED: folder, BESIDE: beside, RECORDED: near_misses}
     return [(key, TITLES[key], path) for key, path in given.items() if path is not None]
 

@@ -47,7 +47,7 @@ THRESHOLDS = (
 
 
 def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], Units]:
-    """Return each measure's first flag in each interaction, whether PET is defined, and the units of resampling.
+    """Return when each measure first flags each interaction [s], whether PET is defined, and the resampled units.
 
     :param table: a near-miss table. Vehicles have the size of their source, else the default size.
     :returns: float64[N, len(MEASURES)], time since the interaction's first row [s], infinity where never; bool[N]; and

@@ -40,7 +40,7 @@ def save_snapshots(episodes: Sequence[tuple[str, Episode]], path: str | Path) ->
 
 
 def moments(pair: Episode) -> tuple[tuple[int, int, int, int], tuple[float, float]]:
-    """Return the frames of the four stages, and the picture's centre [m], halfway between both agents at the third.
+    """Return the frames of the four stages, and the picture's centre [m]: between both agents at the third stage.
 
     They are 1 s before CurvTTC falls below 5 s, then, at its least, and when both are within the picture for the last
     time. An episode that never is critical has its least CurvTTC, or least distance, in the place of the first ones.

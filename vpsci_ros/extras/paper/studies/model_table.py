@@ -72,7 +72,7 @@ class Hybrid:
 
 @dataclass
 class Pooled:
-    """The results of a row, fold by fold; each error is a list over seeds."""
+    """The results of a row of Table 9, fold by fold; `errors` has a list over seeds for each fold."""
 
     errors: list[list[Measured]] = field(default_factory=list)
     positions: list[NDArray[np.float64]] = field(default_factory=list)
@@ -102,7 +102,7 @@ class Measuring:
         self._onsets = onsets.take(rows[place[rows] >= 0])
 
     def add(self, row: Pooled, path: Path, held_out: Interactions, trained: int, hybrid: Hybrid | None) -> None:
-        """Measure weights not trained on the clips of `held_out`; `trained` is their index within the fold."""
+        """Measure weights on clips that they were not trained on; `trained` is the training's number in the fold."""
         weights = load_weights(path)
         if trained == 0:
             row.errors.append([])
@@ -125,7 +125,7 @@ class Measuring:
         return self._onsets.take(mine) if mine.size else None
 
     def table(self, rows: Mapping[str, Pooled]) -> dict[str, Any]:
-        """Return the layout of `model_comparison.compare_models`."""
+        """Return the measures of all rows in the layout of `model_comparison.compare_models`."""
         errors = {name: pooled([_mean(fold) for fold in row.errors]) for name, row in rows.items()}
         result = compare(errors, self._together, self._seed)
         units = units_of(self._together.clip, self._together.group)
@@ -177,7 +177,7 @@ class Measuring:
 
 
 def shares_of_ends(ends: Sequence[Mapping[str, int]]) -> dict[str, Any]:
-    """Return shares of the critical episodes of all trainings, with 95% intervals by Wilson, and of each training.
+    """Return which shares of critical episodes end in collisions and at goals, of all trainings, with intervals.
 
     The intervals hold the chance of the episodes, which are the same for each training; that of learning shows in
     `collision_by_training`.

@@ -33,7 +33,7 @@ def by_reinforcement(name: str) -> bool:
 
 
 def untrained(name: str, network: NetworkConfig, seed: int) -> Networks:
-    """Return untrained networks of this name, with equal targets.
+    """Return untrained networks of this name, and target networks equal to them.
 
     :raises InvalidInput: see `network_of`.
     """
@@ -51,7 +51,7 @@ def train(
     report: Report = lambda _: None,
     start: Weights | None = None,
 ) -> Networks:
-    """Train the model of this name.
+    """Train the model of this name, and return its networks.
 
     :param report: called after every update with `episode`, `episodes` and the losses by name.
     :param start: what it goes on from, normalisation and statistics included; None: from nothing.

@@ -14,7 +14,7 @@ _CONTROLS = {
 
 
 def table_9_page(result: dict[str, Any]) -> str:
-    """Return what `model_comparison.compare_models` returned as Markdown; `+` in a name: hybrid learning.
+    """Return the result of `model_comparison.compare_models` as Markdown; `+` in a name means hybrid learning.
 
     Errors [m, m/s] by both protocols with the paper's ADE on its own data; where they were measured, likeness to
     people, outcomes in simulation and cost; and which steps each model took, if it tried several.

@@ -1,4 +1,4 @@
-"""Tuning of the step size for each row of Table 9, on a part of its training clips."""
+"""Tuning of the step sizes (learning rates) for each row of Table 9, on a part of its training clips."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ PARTS, SHARE = 4, 3  # one of so many parts of the training clips is held back, 
 
 
 def with_steps(config: PretrainConfig, factor: float) -> PretrainConfig:
-    """Return the configuration with all step sizes multiplied by `factor`."""
+    """Return the configuration with the learning rates of actors and critics multiplied by `factor`."""
     updates = config.updates
     actors, critics = factor * updates.actor_learning_rate, factor * updates.critic_learning_rate
     return replace(config, updates=replace(updates, actor_learning_rate=actors, critic_learning_rate=critics))

@@ -44,7 +44,7 @@ def icc_2k(ratings: Floats) -> tuple[float, float, float]:
 
 
 def mean_d_prime(real: NDArray[np.bool_], made: NDArray[np.bool_]) -> Mean:
-    """Return the raters' mean d' with an interval for other raters; judgements "real", bool[R, K] each.
+    """Return the mean d' of R raters, with an interval for other raters, of judgements "real" [R, K] of each source.
 
     d' of a rater is z(hit rate) - z(false alarm rate), a half added to each count. See Hautus, "Corrections for extreme
     proportions and their biasing effects on estimated values of d'" (Behavior Research Methods, Instruments and

@@ -65,7 +65,7 @@ def mean_squares(table: Floats) -> tuple[float, float, float]:
 
 
 def welch(one: Floats, other: Floats) -> Mean:
-    """Return the difference of two groups' means with the standard error of (32) and Welch's degrees of freedom.
+    """Return the difference of two groups' means with the paper's standard error (32), Welch's degrees of freedom.
 
     It takes all judgements for independent, as the paper does.
     """
@@ -85,7 +85,7 @@ def p_value(mean: Mean, against: float = 0.0) -> float:
 
 
 def tost(mean: Mean, margin: float) -> float:
-    """Return the p-value of equivalence within +-margin: the larger of the two one-sided p-values (34).
+    """Return the p-value of equivalence within +-margin: the larger of the two one-sided p-values, the paper's (34).
 
     See Schuirmann, "A comparison of the two one-sided tests procedure and the power approach" (Journal of
     Pharmacokinetics and Biopharmaceutics 15, 1987).

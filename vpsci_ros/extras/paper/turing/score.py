@@ -55,7 +55,7 @@ def score(answers: Answers) -> dict[str, Any]:
 
 
 def correct(answers: Answers, source: str) -> NDArray[np.float64]:
-    """Return the share of correct ratings of each scene's two clips, recorded and `source`, float64[R, K]."""
+    """Return each rater's share of right judgements of a scene's clips, recorded and `source`, float64[R, K]."""
     return 0.5 * (answers.real[..., 0].astype(float) + ~answers.real[..., SOURCES.index(source)])
 
 
@@ -129,7 +129,7 @@ def excluded_raters(answers: Answers) -> dict[str, str]:
 
 
 def conclusion(difference: Mean) -> str:
-    """Return the conclusion that a difference allows for other raters and other scenes."""
+    """Return what a difference shows for other raters and scenes: "equivalent", "different", both, or "open"."""
     if math.isnan(difference.error):
         return "open"
     equivalent, different = tost(difference, MARGIN) < ALPHA, p_value(difference) < ALPHA
@@ -139,7 +139,7 @@ def conclusion(difference: Mean) -> str:
 
 
 def cohens_d(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Return Cohen's d with the pooled standard deviation (33); NaN where nothing varies."""
+    """Return Cohen's d with the pooled standard deviation, the paper's (33); NaN where nothing varies."""
     n, m = len(one), len(other)
     if n + m <= 2:
         return math.nan
@@ -207,7 +207,7 @@ def _means(table: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _shares(table: NDArray[np.float64]) -> dict[str, Any]:
-    """Return the same of shares, from 0 to 1."""
+    """Return a mean of shares, from 0 to 1, with its intervals for other raters, other scenes, and both."""
     raters, scenes = table.shape
     by_rater, by_scene = share_of(over_raters(table), raters), share_of(over_scenes(table), scenes)
     both = share_of(over_both(table), min(raters, scenes))
