@@ -60,7 +60,7 @@ class Stopped(Exception):
 
 
 def require(*modules: str) -> None:
-    """Raise `NotInstalled` if one of these optional libraries is missing.
+    """Raise `NotInstalled` if one of the optional libraries `modules` is missing.
 
     :param modules: that are imported later, by name.
     :raises NotInstalled: one of them is not there.

@@ -90,7 +90,7 @@ def verify(
     recover: Recover = False,
     topic_prefix: Prefix = None,
 ) -> None:
-    """Simulate a bag again from its parameters and compare every message, to the bit.
+    """Simulate a bag again from its parameters; compare every state, safety answer, action and event, to the bit.
 
     Exit status: 0 equal; 1 a difference; 2 it cannot be simulated again; 3 a part was not compared.
     """

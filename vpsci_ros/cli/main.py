@@ -74,7 +74,7 @@ def import_command(
         typer.Option("--check", help="Draw near misses to OUTPUT.png, print extent and speeds; import nothing."),
     ] = False,
 ) -> None:
-    """Write a table of near misses from recordings: vehicle and pedestrian with CurvTTC below 5 s, at 0.1 s steps."""
+    """Write a table of near misses: recorded pairs whose CurvTTC falls below 5 s, in steps of 0.1 s."""
     from vpsci_ros.data.importers import import_folders, named, print_import_summary, require_near_misses
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars

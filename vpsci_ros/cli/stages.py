@@ -51,7 +51,7 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
 
 
 def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
-    """Run stage 2 in `folder`; resume a stopped run from its last complete portion of episodes.
+    """Run stage 2 in `folder`; resume a stopped run from its last checkpoint.
 
     :raises InvalidInput: as `run_pretraining`, or the weights to start from are refused.
     """

@@ -1,4 +1,4 @@
-"""One agent for your own engine: the default pedestrian or the default driver, without ROS and torch.
+"""One agent for your own simulation engine: the default pedestrian or the default driver, without ROS and torch.
 
 At each step your engine passes the states of all road users (`Vehicle`, `Walker`) to `Pedestrian` or `Driver`, which
 returns its motion to the next step. With the same seed, episode and inputs the motion is that of our world, to the bit.

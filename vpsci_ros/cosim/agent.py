@@ -28,7 +28,7 @@ NEAR = 2.0  # [m] an agent that moved less is searched near its last place on it
 
 
 class Person(NamedTuple):
-    """The drawn person of an agent: a function of seed, scenario and episode.
+    """What is drawn for an agent, by seed, scenario and episode: kind, speed, reaction delay and recorded reaction.
 
     :ivar kind: of `vpsci_ros.world.kinds.KINDS`; a driver's is that of its first pedestrian.
     :ivar speed: [m/s] with nothing near.
@@ -95,7 +95,7 @@ class Body:
         return Person(kind, speed, delay, self.agent.recorded(self._number), self.agent.beyond(self._number))
 
     def begin(self, **values: float) -> None:
-        """Overwrite these fields of the state in all rows."""
+        """Overwrite the given fields of the state in all rows."""
         for name, value in values.items():
             self.state[name] = value
 
@@ -150,7 +150,7 @@ class Body:
         self.world.advance(assessment, actions)
 
     def seen(self, vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
-        """Return CurvTTC [s] and centre distance [m] of n pairs, float64[n] each; one agent pairs with n others."""
+        """Return CurvTTC [s] and centre distance [m] of n pairs, float64[n]; a single agent is in all of them."""
         cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
         ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7])
         return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)

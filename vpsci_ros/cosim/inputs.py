@@ -43,7 +43,7 @@ def require_kinds(who: str, given: Mapping[str, Any]) -> None:
 
 
 class Vehicle(NamedTuple):
-    """A vehicle at an instant.
+    """A vehicle at an instant: place, heading, speed, curvature of its path, acceleration and size.
 
     :ivar x, y: centre of its rectangle [m].
     :ivar heading: [rad] of its front.

@@ -1,4 +1,4 @@
-"""The default pedestrian as one object for your own engine."""
+"""The default pedestrian as one object for your own simulation engine."""
 
 import math
 from collections.abc import Hashable, Mapping

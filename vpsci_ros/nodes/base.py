@@ -105,7 +105,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return (each for each in super().subscriptions if each not in self.intake.polled)
 
     def config(self, kind: type[T]) -> T:
-        """Return `kind`, one of the node's configuration classes, with the node's parameters."""
+        """Return an instance of `kind`, one of the node's configuration classes, with the node's parameters."""
         return pick(kind, self._values, self._section)
 
     def parameters_changed(self) -> None:

@@ -81,7 +81,7 @@ def objects_message(objects: Array, at: Time) -> PointCloud2:
 
 
 def fixed_transforms(prefix: str = "") -> TFMessage:
-    """Return the static transform from the vehicle's base_link to its rear axle, the origin of other tools."""
+    """Return the static transform from the vehicle's base_link to its rear axle, which other tools use as origin."""
     header = Header(frame_id=f"{prefix}vehicle/base_link")
     axle = TransformStamped(header=header, child_frame_id=f"{prefix}vehicle/rear_axle")
     axle.transform.translation.x = -0.5 * WHEELBASE

@@ -44,17 +44,17 @@ class ExampleAds(Node):
             self.create_subscription(Odometry, "pedestrian/odometry", self.on_pedestrian, 10)
 
     def on_vehicle(self, message: Odometry) -> None:
-        """Store the vehicle's odometry."""
+        """Store the vehicle's odometry, and answer its tick if the pedestrians have arrived."""
         self.vehicle = message
         self.answer()
 
     def on_pedestrian(self, message: Odometry) -> None:
-        """Store the pedestrian's odometry."""
+        """Store the pedestrian's odometry, and answer its tick if the vehicle's has arrived."""
         self.pedestrian = message
         self.answer()
 
     def on_objects(self, message: PointCloud2) -> None:
-        """Store the perceived pedestrians."""
+        """Store the perceived pedestrians, and answer the vehicle's tick if they are those for it."""
         self.seen = message
         self.answer()
 
@@ -85,7 +85,7 @@ def seconds(message: Odometry | PointCloud2) -> float:
 
 
 def people(objects: PointCloud2) -> list[Mover]:
-    """Return the pedestrians of `/perception/objects`: points x, y, z [m], vx, vy [m/s] in the map, and a number."""
+    """Return the pedestrians of `/perception/objects`: points x, y, z [m], vx, vy [m/s] in the map, track number."""
     offsets = range(0, len(objects.data), objects.point_step)
     points = (struct.unpack_from("<5fI", objects.data, offset) for offset in offsets)
     return [Mover(x, y, math.atan2(vy, vx), math.hypot(vx, vy)) for x, y, _, vx, vy, _ in points]

@@ -49,7 +49,7 @@ class Learner(GraphNode):
 
     @property
     def state(self) -> str:
-        """The stage in which the learner is."""
+        """The learner's stage, "pretrain" or "refine"."""
         return self._config.stage
 
     def figures(self) -> dict[str, Any]:

@@ -36,7 +36,7 @@ class Meter:
         self._longest = max(self._longest, took)
 
     def figures(self) -> dict[str, Any]:
-        """Return tick, total answers and missed ticks; since the last call: answers a second, mean and longest lag."""
+        """Return tick, answers and missed ticks in all; since the last call answers/s, mean and longest lag [ms]."""
         now, (then, before) = time.perf_counter(), self._reported
         fresh = self.count - before
         mean, longest = self._spent / max(fresh, 1), self._longest

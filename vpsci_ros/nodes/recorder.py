@@ -1,4 +1,4 @@
-"""The recorder: writes the graph's messages, except weights, to a rosbag2 folder with MCAP storage."""
+"""The recorder: writes the topics that `topics` lists for it to a rosbag2 folder with MCAP storage."""
 
 import hashlib
 import struct

@@ -49,7 +49,7 @@ class Topic:
 
     @property
     def ros_name(self) -> str:
-        """The name to give to rclpy, relative to the node's namespace unless it is shared."""
+        """The name to give to rclpy, relative to the node's namespace unless graphs share the topic."""
         return self.name if self.shared else self.name.removeprefix("/")
 
     def quality(self, qos: QoSProfile | None = None) -> dict[str, Any]:

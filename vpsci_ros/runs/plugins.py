@@ -42,7 +42,7 @@ class PluginGroup(Generic[T]):
         return (*self.built_in, *sorted(self._added()))
 
     def find(self, name: str) -> T:
-        """Return the object of this name.
+        """Return the built-in or added object of this name.
 
         :raises InvalidInput: nothing has it, or what is installed under it cannot be imported or is something else.
         """

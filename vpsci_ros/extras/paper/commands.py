@@ -198,7 +198,7 @@ def weights(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Repeat Table 5: stage 2 with seven fixed weightings of its rewards and the adaptive one, beside the paper's.
+    """Repeat Table 5: stage 2 with seven fixed reward weightings and the adaptive one, beside the paper's values.
 
     All start from learner.weights. Collision and goal rates, with 95%
     intervals, are measured after training, on fresh episodes without
@@ -304,7 +304,7 @@ def score(
     answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
 ) -> None:
-    """Print recognition rates, Table 11 and Figure 10 beside the paper's values, and the questions left open."""
+    """Write recognition rates, Table 11 and Figure 10 beside the paper's values; print the questions left open."""
     from vpsci_ros.extras.paper.turing.answers import read_answers
     from vpsci_ros.extras.paper.turing.page import PAGE, write_result
 

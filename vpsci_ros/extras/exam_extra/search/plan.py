@@ -49,7 +49,7 @@ class Plan:
         self.fresh[:] = False
 
     def take(self, chosen: NDArray[np.int64], failed: NDArray[np.bool_]) -> None:
-        """Store whether the driven episodes, places in the pool int64[k], failed, bool[k]."""
+        """Store the outcome of driven episodes: places in the pool, int64[k], and whether each failed, bool[k]."""
         self.driven[chosen] = self.fresh[chosen] = True
         self.margin_before[chosen] = self.margin[chosen]
         self.failed[chosen] = failed

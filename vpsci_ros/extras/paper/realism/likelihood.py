@@ -19,7 +19,7 @@ PSEUDO = 0.1  # counts that every bin has from the start
 
 
 class Quantity(NamedTuple):
-    """The histogram of one quantity."""
+    """The bins of one quantity's histogram, and its weight in the whole."""
 
     width: float  # of a bin, in the quantity's unit
     low: float  # what is less falls into the first bin

@@ -44,7 +44,7 @@ def icc_2k(ratings: Floats) -> tuple[float, float, float]:
 
 
 def mean_d_prime(real: NDArray[np.bool_], made: NDArray[np.bool_]) -> Mean:
-    """Return the mean d' of R raters, with an interval for other raters, of judgements "real" [R, K] of each source.
+    """Return the raters' mean d' and its interval for other raters; bool[R, K]: real and made clips judged "real".
 
     d' of a rater is z(hit rate) - z(false alarm rate), a half added to each count. See Hautus, "Corrections for extreme
     proportions and their biasing effects on estimated values of d'" (Behavior Research Methods, Instruments and
