@@ -13,7 +13,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 
-VEHICLE_HEIGHT = 1.44  # [m] of the Model 3, whose length and width CurvTTC uses
+VEHICLE_HEIGHT = 1.44  # [m] of the Tesla Model 3, whose length and width CurvTTC uses
 PEDESTRIAN_HEIGHT = 1.75  # [m] of an adult; the world is flat and knows none
 STANDING = 0.05  # [m/s] below which a pedestrian's velocity says nothing of a heading
 BEYOND = 40.0  # [m] of straight lane before the centreline and after it
