@@ -31,7 +31,7 @@ _MARGIN = 1e-6  # [m] the swept ring is drawn this much wider, against rounding
 
 @kernel
 def first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, radius, horizon):  # type: ignore[no-untyped-def]
-    """Time [s] of the first contact within `horizon`, 0 when touching now, infinity when there is none.
+    """Time [s] of the first contact, 0 when touching now; infinity: none within `horizon` [s] and 90 degrees of arc.
 
     Everything is in the vehicle's heading frame at time 0 (forward, left): the pedestrian's centre (qx, qy) [m]
     relative to the rectangle's, and its ground velocity (ux, uy) [m/s].
@@ -58,7 +58,7 @@ def first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, rad
 def first_contact_accelerating(  # type: ignore[no-untyped-def]
     qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, horizon
 ):
-    """`first_contact` with the vehicle at constant acceleration [m/s2] along the arc until it has stopped."""
+    """`first_contact` of a vehicle at constant acceleration [m/s2] along the arc; once it stops, it stands."""
     if acceleration == 0.0 or (speed == 0.0 and acceleration < 0.0):
         return first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, radius, horizon)
     stop = -speed / acceleration if acceleration < 0.0 else math.inf
@@ -97,7 +97,7 @@ def first_contact_accelerating(  # type: ignore[no-untyped-def]
 
 @kernel
 def advance(qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, begin, end, bound):  # type: ignore[no-untyped-def]
-    """First contact [s] within [begin, end], infinity when there is none; `bound` [m/s2] is A (module's docstring)."""
+    """Time [s] of the first contact from `begin` to `end` [s], or infinity; `bound` [m/s2] is the module's A."""
     t, count = begin, 0.0
     while True:
         # the pedestrian in the vehicle's frame at time t; the vehicle has moved along a chord and turned

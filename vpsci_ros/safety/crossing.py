@@ -7,7 +7,7 @@ from vpsci_ros.safety.compiled import kernel
 
 @kernel
 def overlap_start(qx, qy, ux, uy, speed, curvature, occupied, horizon):  # type: ignore[no-untyped-def]
-    """Time [s] at which both begin to occupy the point where their paths cross, infinity when that never happens.
+    """First time [s] at which both agents occupy the point where their paths cross; infinity: not within `horizon` [s].
 
     In the vehicle's heading frame: the pedestrian's centre (qx, qy) [m] relative to the vehicle's and its velocity
     (ux, uy) [m/s]. Each occupies the crossing point while its centre is within `occupied` [m] of it along its own path.

@@ -15,7 +15,7 @@ STANDING = 0.1  # [m/s] below it yaw rate over speed says nothing about the path
 
 
 def curvature_from_yaw_rate(yaw_rate: FloatLike, speed: FloatLike, *, standing: FloatLike = STANDING) -> Floats:
-    """Path curvature yaw_rate / speed; 0, a straight path, where the vehicle stands.
+    """Path curvature yaw_rate / speed, float64[...] [1/m]; 0, a straight path, below the speed `standing`.
 
     :param yaw_rate: float[...] [rad/s], counter-clockwise.
     :param speed: float[...] [m/s], not below 0.
@@ -32,7 +32,7 @@ def curvature_from_yaw_rate(yaw_rate: FloatLike, speed: FloatLike, *, standing: 
 
 
 def curvature_from_positions(x: FloatLike, y: FloatLike, *, spacing: int = 1, collinear: float = COLLINEAR) -> Floats:
-    """Curvature [1/m] of the circle through the last three positions, at every step of a trajectory.
+    """Curvature [1/m] of the circle through the last three positions, at each step of a trajectory, float64[..., T].
 
     :param x, y: float[..., T] positions [m] in the order of time, T >= 1.
     :param spacing: steps between the three positions, at least 1.

@@ -77,7 +77,7 @@ def curvttc(
     horizon: FloatLike = HORIZON,
     method: Literal["footprint", "center"] = "footprint",
 ) -> Floats:
-    """Curvilinear time to collision of a vehicle and a pedestrian (CurvTTC of Table 7).
+    """Curvilinear time to collision [s], float64[B], of vehicles and pedestrians (CurvTTC of the paper's Table 7).
 
     The least time after which the footprints touch if the vehicle keeps its speed and path curvature, for at most 90
     degrees of the arc, and the pedestrian keeps its velocity.

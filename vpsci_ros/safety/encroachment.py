@@ -1,4 +1,4 @@
-"""Post-encroachment time: the time for which the crossing point was free between the two agents."""
+"""Post-encroachment time: from when one agent leaves the crossing point to when the other agent reaches it."""
 
 import math
 
@@ -18,7 +18,7 @@ _PRECISION = 1e-6  # [steps]
 def first_crossing(
     x: Floats, y: Floats, ahead: float, heading: float, ped_x: Floats, ped_y: Floats
 ) -> tuple[float, float, float, float]:
-    """First point of the pedestrian's path that lies on the vehicle's, as (vehicle step, pedestrian step, x, y).
+    """First point of the pedestrian's path on the vehicle's path: (vehicle step, pedestrian step, x, y) [steps, m].
 
     Steps are fractional, of float64[T] positions [m]. The vehicle's path goes on straight for `ahead` metres along
     `heading` [rad], its last one; on that part its step is infinity, since it has not been there. NaN when the paths

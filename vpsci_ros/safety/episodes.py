@@ -1,4 +1,4 @@
-"""Properties of an episode from its CurvTTC: onset, conflict, least CurvTTC, collision, clearance.
+"""Properties of an episode: onset, conflict and least value from CurvTTC; collision and least distance from clearance.
 
 An episode is an array over time, float[T], and a batch of them is float[..., T] with `lengths` int[...] where the
 rows are padded: steps from a row's length on are ignored.
@@ -13,7 +13,7 @@ from vpsci_ros.safety.series import padded
 
 
 def onset(curvttc: FloatLike, *, lengths: ArrayLike | None = None, critical: float = CRITICAL_TTC) -> NDArray[np.int64]:
-    """First step at which CurvTTC is at or below `critical` [s] (the risk emerges, section 4.5 of the paper).
+    """First step at which CurvTTC is at or below `critical` [s] (section 4.5 of the paper), int64[...]; -1: none.
 
     :param curvttc: float[..., T] [s], infinity where no contact is predicted.
     :param lengths: int[...], steps of each row that count; None: all T.
@@ -39,7 +39,7 @@ def is_conflict(
 
 
 def least_clearance(clearance: FloatLike, *, lengths: ArrayLike | None = None) -> Floats:
-    """Least free distance of each episode [m], float64[...].
+    """Least clearance of each episode [m], float64[...]; below 0 where the footprints overlap.
 
     :param clearance: float[..., T] [m], `vpsci_ros.safety.clearance` at every step.
     :param lengths: int[...], steps of each row that count; None: all T.

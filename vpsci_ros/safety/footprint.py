@@ -28,7 +28,7 @@ def gap(forward: float, left: float, half_length: float, half_width: float) -> f
 
 @kernel
 def in_vehicle_frame(heading, dx, dy, ped_vx, ped_vy):  # type: ignore[no-untyped-def]
-    """Return the pedestrian's position (dx, dy) [m] from the vehicle and velocity [m/s], as (forward, left) each."""
+    """Return the pedestrian's position from the vehicle [m] and velocity [m/s]: forward, left of each, four numbers."""
     cos, sin = math.cos(heading), math.sin(heading)
     return cos * dx + sin * dy, cos * dy - sin * dx, cos * ped_vx + sin * ped_vy, cos * ped_vy - sin * ped_vx
 
@@ -64,7 +64,7 @@ def clearance(
     width: FloatLike = VEHICLE_WIDTH,
     radius: FloatLike = PEDESTRIAN_RADIUS,
 ) -> Floats:
-    """Free distance between the vehicle's rectangle and the pedestrian's disc.
+    """Free distance [m], float64[B], between the vehicle's rectangle and the pedestrian's disc; 0 or less: they touch.
 
     :param x, y: centre of the rectangle [m]; float[B], as are the others, or anything that broadcasts with them.
     :param heading: direction of the rectangle's long side [rad], counter-clockwise from x.

@@ -43,7 +43,7 @@ def broadcast(names: Sequence[str], values: Sequence[FloatLike]) -> tuple[tuple[
 
 
 def flattened(array: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return `array` broadcast to `shape` as contiguous float64[size], without a copy where it already is.
+    """Return `array` broadcast to `shape` as contiguous, writable float64[size]; a copy only if it is not so already.
 
     One that is read-only, as columns of tables are, is copied: kernels are compiled for each kind of their arguments.
     """

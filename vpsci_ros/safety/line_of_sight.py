@@ -49,7 +49,7 @@ def visible_share(
 
 
 def as_boxes(boxes: FloatLike) -> Floats:
-    """Return rectangles as contiguous float64[K, 5].
+    """Return checked rectangles as contiguous float64[K, 5]: x, y [m], heading [rad], length, width [m].
 
     :raises InvalidInput: another shape, a number that is not finite, a size that is not positive.
     """
@@ -155,7 +155,7 @@ def _union(intervals, n):  # type: ignore[no-untyped-def]
 
 @kernel
 def touches_box(x, y, heading, box, length=VEHICLE_LENGTH, width=VEHICLE_WIDTH):  # type: ignore[no-untyped-def]
-    """Return whether a vehicle's rectangle touches a box: no side of either lies between them."""
+    """Return whether a vehicle's rectangle touches or overlaps a box: x, y [m], heading [rad], length, width [m]."""
     turned = box[2] - heading
     c, s = abs(math.cos(turned)), abs(math.sin(turned))
     dx, dy = box[0] - x, box[1] - y

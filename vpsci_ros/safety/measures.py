@@ -1,4 +1,4 @@
-"""Other safety measures, each with its source, on batches and with the same footprints.
+"""Safety measures besides CurvTTC, each with its source, on batches: 2-D and second-order TTC, DRAC, TTCE and DCE.
 
 A measure from one instant predicts; PET, in `encroachment`, looks back at what happened.
 """
@@ -99,7 +99,7 @@ def second_order_ttc(
 
 
 def drac(ttc: FloatLike, speed: FloatLike) -> Floats:
-    """Deceleration rate to avoid the crash [m/s2]: it stops the vehicle at the predicted contact.
+    """Deceleration rate to avoid the crash [m/s2]: it stops the vehicle where contact is predicted at constant speed.
 
     At constant speed v the vehicle reaches that point of its path after v * ttc metres; stopping within s takes
     v^2 / (2 s) = v / (2 ttc). See Cooper and Ferguson, "Traffic studies at
@@ -130,7 +130,7 @@ def closest_encounter(
     ped_vx: FloatLike,
     ped_vy: FloatLike,
 ) -> tuple[Floats, Floats]:
-    """Time to the closest encounter (TTCE) and distance then (DCE), centre to centre, at constant velocities.
+    """Time to the closest encounter (TTCE) [s] and distance then (DCE) [m], centre to centre, at constant velocities.
 
     See Eggert, "Predictive risk estimation for intelligent ADAS functions" (ITSC 2014).
 
