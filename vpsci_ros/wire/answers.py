@@ -1,4 +1,4 @@
-"""Serialized `vpsci_msgs/SafetyState` and `vpsci_msgs/AgentAction` to arrays and back, without a message object.
+"""Conversion of serialized `vpsci_msgs/SafetyState` and `vpsci_msgs/AgentAction` to arrays and back.
 
 The objects returned have the fields of the messages that `vpsci_ros.wire.layout` reads. By hand, since rosbags' CDR
 takes 1 to 5 us more for each message and 0.17 s of CPU at the start of each node, for the types that it reads.
@@ -39,7 +39,7 @@ class ActionContent(NamedTuple):
 
 
 def read_safety_state(data: bytes, where: str = SAFETY) -> SafetyContent:
-    """Return the content of a serialized SafetyState; see `vpsci_ros.wire.layout.safety_state` for its numbers.
+    """Return the content of a serialized SafetyState; its numbers are checked by `vpsci_ros.wire.layout.safety_state`.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
     """
@@ -51,7 +51,7 @@ def read_safety_state(data: bytes, where: str = SAFETY) -> SafetyContent:
 
 
 def read_action(data: bytes, where: str) -> ActionContent:
-    """Return the content of a serialized AgentAction; see `vpsci_ros.wire.layout.action` for its numbers.
+    """Return the content of a serialized AgentAction; its lengths are checked by `vpsci_ros.wire.layout.action`.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
     """
@@ -59,7 +59,7 @@ def read_action(data: bytes, where: str) -> ActionContent:
 
 
 def write_safety_state(safety: SafetyContent) -> bytes:
-    """Return a SafetyState of at least one episode, serialized."""
+    """Return the serialized SafetyState of at least one slot."""
     data = write_start(safety.header, safety.tick)
     for values in (safety.curvttc, safety.distance, safety.critical):
         data = with_numbers(data, values)
@@ -67,7 +67,7 @@ def write_safety_state(safety: SafetyContent) -> bytes:
 
 
 def write_action(action: ActionContent) -> bytes:
-    """Return an AgentAction of at least one episode, serialized."""
+    """Return the serialized AgentAction of at least one slot."""
     data = with_numbers(with_numbers(write_start(action.header, action.tick), action.longitudinal), action.lateral)
     return data + _U32.pack(action.policy_version)
 

@@ -1,4 +1,4 @@
-"""Serialized messages to objects, by the definitions in the bag or, without them, by this package's."""
+"""Conversion of serialized messages to objects, by the definitions in the bag, or else of ROS 2 and vpsci_msgs."""
 
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -55,7 +55,7 @@ def _defined(kind: str, definition: str) -> Typestore:
 
 
 def require_cdr(raw: RawMessage, where: object) -> None:
-    """Refuse another encoding than that of ROS 2; `where` opens the error message."""
+    """Refuse a message whose encoding is not CDR, that of ROS 2; `where` opens the error message."""
     if raw.encoding != "cdr":
         raise InvalidInput(
             f"{where}: {raw.topic} holds {raw.encoding} described by {raw.form or 'nothing'}; expected ROS 2's cdr"
@@ -63,7 +63,7 @@ def require_cdr(raw: RawMessage, where: object) -> None:
 
 
 def parsed(kind: str, data: bytes, where: str) -> Any:
-    """Return the message of these bytes, of a type such as "nav_msgs/msg/Odometry".
+    """Return the message object of serialized `data` of a type such as "nav_msgs/msg/Odometry".
 
     :raises InvalidInput: the bytes are no such message.
     """
@@ -74,7 +74,7 @@ def parsed(kind: str, data: bytes, where: str) -> Any:
 
 
 def rewritten(kind: str, data: bytes, where: str) -> tuple[Any, bytes]:
-    """Return the message of these bytes and its new serialization; see `parsed`.
+    """Return the message object of serialized `data`, and its bytes serialized again; see `parsed`.
 
     A serializer skips the gaps between fields, so that what lay in the memory there goes over the wire; here they are
     zero, and the same message is the same bytes.
@@ -95,5 +95,5 @@ def known_types() -> Typestore:
 
 
 def describe(kind: str) -> tuple[str, str]:
-    """Return the definition of a type such as "nav_msgs/msg/Odometry" with all that it needs, and its RIHS01 hash."""
+    """Return the definition of a type such as "nav_msgs/msg/Odometry", with the types in it, and its RIHS01 hash."""
     return known_types().generate_msgdef(kind, ros_version=2)[0], known_types().hash_rihs01(kind)

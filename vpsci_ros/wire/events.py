@@ -9,7 +9,7 @@ from vpsci_ros.wire.layout import event_fields
 
 
 def write_events(events: NDArray[Any], header: WireHeader, tick: int) -> bytes:
-    """Return the serialized EpisodeEvent of EVENT[n] records, n > 0, up to a tick."""
+    """Return the serialized EpisodeEvent of EVENT[n] records, n > 0, with this header and tick."""
     data = write_start(header, tick)
     for values in event_fields(events).values():
         data = with_numbers(data, values)

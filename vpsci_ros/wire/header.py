@@ -36,12 +36,12 @@ class WireHeader(NamedTuple):
 
 
 def tick_header(tick: int, period: float) -> WireHeader:
-    """Return the header of a tick of `period` seconds: its simulated time, in the frame `map`."""
+    """Return the header of a tick by its number and `period` [s]: its simulated time, and frame_id `map`."""
     return WireHeader(*divmod(tick * round(period * 1e9), 1_000_000_000), MAP)
 
 
 def read_start(data: bytes, where: str) -> tuple[WireHeader, int, int]:
-    """Return header and tick of a serialized message, and the offset behind them.
+    """Return header and tick of a serialized message, and the offset of the first byte after them.
 
     :param where: the topic, which opens the message.
     :raises InvalidInput: they are not as ROS writes them.
@@ -77,7 +77,7 @@ def with_numbers(data: bytes, values: NDArray[Any]) -> bytes:
 
 
 def padded(data: bytes, size: int) -> bytes:
-    """Return the given bytes with zeros appended, up to the alignment of a number of `size` bytes."""
+    """Return the given bytes with zeros appended, so that a number of `size` bytes can follow at its alignment."""
     return data + bytes(-(len(data) - 4) % size)
 
 
@@ -107,5 +107,5 @@ def stamp_of(topic: str, data: bytes) -> int:
 
 
 def aligned(at: int, size: int) -> int:
-    """Return the first aligned offset of a number of `size` bytes, from `at` on."""
+    """Return the first offset, `at` or later, at which a number of `size` bytes is aligned."""
     return at + -(at - 4) % size

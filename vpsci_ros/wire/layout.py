@@ -1,4 +1,4 @@
-"""The layout of the graph's messages, without ROS: their arrays, and the records made from them.
+"""The layout of the node graph's messages, without ROS: their arrays, and the records made from them.
 
 `msg_defs/` defines the messages. Fields of the same name in a message and in a structured array correspond. A message
 here is any object with those fields: one of rclpy, whose sequences are `array.array`s, or one of `decode`, whose
@@ -39,12 +39,12 @@ TYPES = {
 
 @cache
 def own_definition(message: str) -> str:
-    """Return the definition of a message of this package."""
+    """Return the text of the .msg file of a message of vpsci_msgs, such as "WorldState"."""
     return (messages_dir() / f"{message}.msg").read_text(encoding="utf-8")
 
 
 def sequences(definition: str) -> dict[str, str]:
-    """Return the sequences of numbers of a message in the order of its definition: name -> type.
+    """Return the sequences of numbers in a message definition, in its order: name -> type, such as "float64".
 
     :param definition: also one of a bag, behind which, after a line of "=", stand those of the messages in it.
     """
@@ -68,7 +68,7 @@ _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
 
 def world_state_fields(state: Array, policy_frame: Array) -> dict[str, Array]:
-    """Return the sequences of a WorldState of EPISODE[B] records; policies answer where `policy_frame`, bool[B]."""
+    """Return the sequences of a WorldState of EPISODE[B] records; `policy_frame`, bool[B]: where policies may act."""
     return {name: state[name] for name in _STATE} | {"policy_frame": policy_frame.astype(np.uint8)}
 
 
@@ -112,12 +112,12 @@ def motion_of(record: np.void, agent: str) -> PlanarMotion:
 
 
 def values(field: array[Any] | Array) -> Array:
-    """Return a numeric field as an array that shares its memory."""
+    """Return a numeric field of a message as a numpy array that shares the field's memory."""
     return field if isinstance(field, np.ndarray) else np.frombuffer(field, _DTYPES[field.typecode])
 
 
 def checked(field: array[Any] | Array, length: int, where: str, name: str) -> Array:
-    """Return a numeric field as an array.
+    """Return a numeric field of a message as a numpy array of `length` entries.
 
     :raises InvalidInput: it does not have `length` entries.
     """

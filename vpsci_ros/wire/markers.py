@@ -53,7 +53,7 @@ class Marker(NamedTuple):
 def write_markers(
     state: NDArray[np.void], movers: Sequence[PlanarMotion], scenarios: Mapping[int, Scenario], header: WireHeader
 ) -> bytes:
-    """Return the serialized MarkerArray of one episode and its ground; without an episode, it clears the scene.
+    """Return the serialized MarkerArray of an episode, its lane and crosswalk; of an idle slot, one that clears all.
 
     :param state: EPISODE[B], a record for each pedestrian.
     :param movers: the vehicle and each pedestrian.

@@ -19,13 +19,13 @@ _ENCAPSULATION = LITTLE_ENDIAN + b"\0\0"
 
 
 def write_odometry(motion: PlanarMotion, frame: str, header: WireHeader) -> bytes:
-    """Return the serialized Odometry of the agent that has this frame, such as "vehicle"."""
+    """Return the serialized Odometry of a motion, with child frame "vehicle/base_link" for the `frame` "vehicle"."""
     start = padded(with_text(with_header(_ENCAPSULATION, header), f"{frame}/base_link"), 8)
     return start + _pose(motion) + _UNKNOWN + _TWIST.pack(motion.speed, 0, 0, 0, 0, motion.yaw_rate) + _UNKNOWN
 
 
 def write_transforms(movers: Mapping[str, PlanarMotion], header: WireHeader) -> bytes:
-    """Return the serialized TFMessage of the poses of agents, by frame, from `map` to the frames."""
+    """Return the serialized TFMessage of agents' poses; `movers`: agent, such as "vehicle" -> its motion."""
     data = _ENCAPSULATION + struct.pack("<I", len(movers))
     for frame, motion in movers.items():
         data = padded(with_text(with_header(data, header), f"{frame}/base_link"), 8) + _pose(motion)

@@ -72,7 +72,7 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
 
 
 def write_world_state(world: StateContent) -> bytes:
-    """Return a WorldState with this content, serialized."""
+    """Return the serialized WorldState with this content."""
     state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
     _, sizes, places = _fields()
     start = write_start(world.header, world.tick.number) + _REST.pack(world.period, count)
@@ -86,7 +86,7 @@ def write_world_state(world: StateContent) -> bytes:
 
 
 def warm_up() -> None:
-    """Compile or load all kernels of this module, so that no tick waits for it."""
+    """Compile all kernels of this module, or load them, so that no tick waits for compilation."""
     tick = Tick(0, np.zeros(1, EPISODE), np.zeros(1, np.bool_))
     read_world_state(write_world_state(StateContent(WireHeader(0, 0, ""), tick, 1.0)))
 
