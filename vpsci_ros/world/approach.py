@@ -1,4 +1,4 @@
-"""The drawn driver and walker of an episode, while the rule-based pair acts.
+"""The motion of the driver and the walker that the spawn has drawn, while the rule-based pair acts.
 
 Until the meeting a driver has its speed by the clock, as a walker has, slowing for the bend; beyond, it drives on a
 little faster. Neither reacts to the other, but for the fixed distance at which the autopilot brakes.
@@ -41,7 +41,7 @@ def line_offset(episode, row, s):  # type: ignore[no-untyped-def]
 
 @kernel
 def bend_speed(episode, row, tables, s):  # type: ignore[no-untyped-def]
-    """Return the speed [m/s] of this driver at arc length `s` [m] of the lane, in a bend or braking before it."""
+    """Return the greatest speed [m/s] of this driver at arc length `s` [m] of the lane, for a bend there or ahead."""
     sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
     return math.sqrt(episode.lateral_comfort) * tables.turning_speed[episode.table, sample]
 
@@ -78,13 +78,13 @@ def drive_then(onset, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def walk_then(onset, time):  # type: ignore[no-untyped-def]
-    """Return the recorded walker's velocity [m/s] along the car's heading at the onset and to its left."""
+    """Return the recorded walker's velocity [m/s] at `time` [s], along the car's onset heading and to its left."""
     return _recorded(onset, WALK_ALONG, time), _recorded(onset, WALK_LEFT, time)
 
 
 @kernel
 def walks_then(episode, onset, time):  # type: ignore[no-untyped-def]
-    """Return the velocity (vx, vy) [m/s] of this walker, `time` [s] after the spawn and before the onset."""
+    """Return this walker's velocity (vx, vy) [m/s] in the map frame, `time` [s] after the spawn, before the onset."""
     along, left = walk_then(onset, time)
     cosine, sine = episode.walk_cosine_then, episode.walk_sine_then
     return along * cosine - left * sine, along * sine + left * cosine
@@ -99,7 +99,7 @@ def lane_sway(episode):  # type: ignore[no-untyped-def]
 
 @kernel
 def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-untyped-def]
-    """Return the acceleration along the heading [m/s2] of a driver with a pedestrian `gap` [m] ahead."""
+    """Return a driver's acceleration along the heading [m/s2]; `gap` [m]: to a pedestrian ahead, infinity for none."""
     speed = episode.vehicle_speed
     cruise = episode.cruise_throttle * row.full_throttle_speed
     if episode.route_s < episode.meeting_s:
@@ -115,7 +115,7 @@ def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-
 
 @kernel
 def step_towards(episode, ax, ay, period):  # type: ignore[no-untyped-def]
-    """Return the walker's acceleration (ax, ay) [m/s2] that is nearest to this one within `people.JERK`."""
+    """Return the acceleration (ax, ay) [m/s2] nearest to this one that the walker's limit of jerk allows."""
     dx, dy = ax - episode.pedestrian_ax, ay - episode.pedestrian_ay
     change, most = math.sqrt(dx * dx + dy * dy), people.JERK * period
     share = 1.0 if change <= most else most / change

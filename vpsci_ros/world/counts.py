@@ -1,4 +1,4 @@
-"""Counts of a world in lock-step, from where they are counted to the exit status."""
+"""Counts of a world in lock-step: ticks, episodes, faulty answers, commands and outcomes."""
 
 from dataclasses import asdict, dataclass
 from typing import Literal, get_args
@@ -48,7 +48,7 @@ class WorldCounts:
     parked_collision: int = 0
 
     def add(self, name: str, number: int = 1) -> None:
-        """Add to the count of this name."""
+        """Add `number` to the count of this name."""
         setattr(self, name, getattr(self, name) + number)
 
     def add_fault(self, sender: str, fault: Fault, number: int = 1) -> None:
@@ -56,7 +56,7 @@ class WorldCounts:
         self.add(f"{sender}_answers_{fault}", number)
 
     def faults(self, sender: str) -> dict[Fault, int]:
-        """Return the counts of faulty answers of "safety", "vehicle" or "pedestrian"."""
+        """Return the counts of faulty answers of "safety", "vehicle" or "pedestrian", by kind of fault."""
         return {fault: getattr(self, f"{sender}_answers_{fault}") for fault in get_args(Fault)}
 
     def nonzero(self) -> dict[str, int]:

@@ -62,12 +62,12 @@ class CrowdConfig:
         return np.asarray(np.cumsum(parts) / parts.sum())
 
     def role_limits(self) -> NDArray[np.float64]:
-        """Return the cumulative shares of group members, opposite ones and followers, float64[3]."""
+        """Return the cumulative shares of the roles group, opposite and follower, float64[3]."""
         return np.cumsum([self.group, self.opposite, self.follower])
 
 
 class Crowd(NamedTuple):
-    """The pedestrians of an episode for compiled code."""
+    """`CrowdConfig` and `KindMixture` for compiled code."""
 
     sizes: NDArray[np.float64]  # `CrowdConfig.size_limits`
     roles: NDArray[np.float64]  # `CrowdConfig.role_limits`
@@ -76,7 +76,7 @@ class Crowd(NamedTuple):
 
 @kernel
 def how_many(leader, seed, crowd):  # type: ignore[no-untyped-def]
-    """Return the number of pedestrians of the episode with this first EPISODE record."""
+    """Draw the number of pedestrians of the episode whose first EPISODE record is `leader`."""
     if crowd.sizes.size == 1:
         return 1
     share, count = unit(draw(leader, seed, STREAM_CROWD, 0)[0]), 1
@@ -87,7 +87,7 @@ def how_many(leader, seed, crowd):  # type: ignore[no-untyped-def]
 
 @kernel
 def role_of(episode, seed, crowd):  # type: ignore[no-untyped-def]
-    """Return the role of a further pedestrian of an EPISODE record, an index in `ROLES`."""
+    """Draw the role of a further pedestrian, by its EPISODE record; return an index in `ROLES`."""
     share = unit(draw(episode, seed, STREAM_CROWD, 0)[0])
     if share < crowd.roles[0]:
         return GROUP
@@ -98,7 +98,7 @@ def role_of(episode, seed, crowd):  # type: ignore[no-untyped-def]
 
 @kernel
 def walk_along(episode, leader, seed):  # type: ignore[no-untyped-def]
-    """Give a group member the first one's pace and line; return its spawn along the route [m]."""
+    """Give a group member the first pedestrian's pace and line; return its spawn along the route [m]."""
     drawn = draw(episode, seed, STREAM_CROWD, 0)
     gap = NEAREST + unit(drawn[1]) * (FURTHEST - NEAREST)
     place = int(episode.pedestrian)
@@ -114,7 +114,7 @@ def walk_along(episode, leader, seed):  # type: ignore[no-untyped-def]
 
 @kernel
 def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-untyped-def]
-    """Let a follower step off some time after the first one has passed; return its spawn along the route [m].
+    """Let a follower step off some time after the first pedestrian passes it; return its spawn along the route [m].
 
     It waits at the kerb until then. If the first one passed it before the spawn, it may walk already.
     """
@@ -132,7 +132,7 @@ def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-unt
 
 @kernel
 def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
-    """Start the walk of followers in rows `first` to `first + count` of EPISODE[B] when their time has come."""
+    """Let followers in the `count` rows of EPISODE[B] from `first` on set off after the first pedestrian has passed."""
     leader = state[first]
     for i in range(first + 1, first + count):
         follower = state[i]
@@ -142,7 +142,7 @@ def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
 
 @kernel
 def crowded(state, first, row):  # type: ignore[no-untyped-def]
-    """Whether the pedestrian of this row of EPISODE[B] spawns on the car or on another pedestrian of its episode."""
+    """Whether the pedestrian of this row of EPISODE[B] spawns too near to its car or to an earlier row's pedestrian."""
     car, walker = state[first], state[row]
     x, y = walker.pedestrian_x, walker.pedestrian_y
     place = car.vehicle_x, car.vehicle_y, car.vehicle_heading
@@ -180,7 +180,7 @@ def share_motion(leader, episode):  # type: ignore[no-untyped-def]
 
 @kernel
 def share_action(state, first, count, answers):  # type: ignore[no-untyped-def]
-    """Let the vehicle react to the most critical pedestrian of rows `first` to `first + count` of EPISODE[B].
+    """Let the vehicle react to the most critical pedestrian of the `count` rows of EPISODE[B] from `first` on.
 
     Where the policies act, the row with the least CurvTTC leads, the first of equal ones, and its action is the
     vehicle's.

@@ -1,4 +1,4 @@
-"""The engine that moves the agents: this package's kinematics, or one that another distribution adds."""
+"""The engine that moves the agents: this package's kinematics, or an engine that another Python package adds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from vpsci_ros.world.world import World
 
 
 def require_own(engine: str, what: str) -> None:
-    """Refuse an engine other than this package's kinematics for `what`, which simulates in its own process.
+    """Refuse an engine other than this package's kinematics, since `what` happens in this process.
 
     :raises InvalidInput: another engine is chosen.
     """
@@ -23,7 +23,7 @@ def require_own(engine: str, what: str) -> None:
 
 @dataclass(frozen=True)
 class Engine:
-    """An engine of another distribution, which moves the agents in place of this package's kinematics.
+    """An engine of another Python package, which moves the agents in place of this package's kinematics.
 
     :ivar connect: of what stands after "://" in `engine`, and of the period of a tick [s]: the server that moves the
         agents, with a method `close`.

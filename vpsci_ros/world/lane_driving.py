@@ -43,10 +43,7 @@ def look_ahead(s: float, speed: float) -> float:
 
 @kernel
 def pursuit_curvature(points, row, count, step, s, aside, x, y, heading, speed):  # type: ignore[no-untyped-def]
-    """Curvature [1/m] of the arc to the centreline of lane `row`, a look-ahead beyond arc length `s` [m].
-
-    Or to a place so far `aside` of it, to the left [m].
-    """
+    """Curvature [1/m] of the arc to the point `aside` [m] left of lane `row`, a look-ahead beyond arc length `s`."""
     target_x, target_y = point_at(points, row, count, step, look_ahead(s, speed))
     if aside != 0.0:
         next_x, next_y = point_at(points, row, count, step, look_ahead(s, speed) + step)

@@ -95,7 +95,7 @@ class LockStep:
 
     @property
     def running(self) -> bool:
-        """Whether a tick waits for answers."""
+        """Whether a first tick has begun and the last one has not ended."""
         return self.tick is not None and not self._over
 
     def take_assessment(self, number: int, read: Callable[[Tick], Assessment]) -> None:
@@ -172,7 +172,7 @@ class LockStep:
     # ---- may it go on?
 
     def may_advance(self, now: float | None = None) -> bool:
-        """Return whether the world may advance; without `now` it waits for every missing answer."""
+        """Return whether the world may advance; without `now` [s], a missing answer is waited for without limit."""
         if not self.running or not self._due or (self.paused and not self._step) or self.behind:
             return False
         return not self.unanswered or (now is not None and now - self._since > self._patience)
@@ -198,7 +198,7 @@ class LockStep:
         self.paused, self._step, self._since = paused, False, now
 
     def step(self, now: float) -> bool:
-        """Advance one tick while paused; return whether that is possible."""
+        """Let the paused world advance by one tick; return whether that is possible."""
         if self.paused and self.running:
             self._step, self._due, self._since = True, True, now
         return self._step

@@ -72,7 +72,7 @@ class Loop:
         return self._assessed[1]
 
     def actions(self, given: Actions = NO_ACTIONS) -> Actions:
-        """Return the agents' actions at the present tick, besides the `given` ones."""
+        """Return the agents' actions at the present tick together with the `given` ones."""
         tick = self.world.now
         if not self.agents or not np.count_nonzero(tick.policy_frame):
             return given

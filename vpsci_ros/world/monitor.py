@@ -48,7 +48,7 @@ def _assess(state, horizon, threshold, ttc, distance, critical):  # type: ignore
 
 
 def warm_up() -> None:
-    """Compile `assess`, or load it, so that no tick waits for it."""
+    """Compile `assess`, or load it, so that no tick waits for compilation."""
     state = np.zeros(1, EPISODE)
     state["status"] = RUNNING
     assess(state)

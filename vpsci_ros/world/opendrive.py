@@ -197,7 +197,7 @@ def _within(begins: Sequence[float], s: Floats) -> list[slice]:
 
 
 def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return a scenario document whose `opendrive`, `vehicle.lanes` and `pedestrian.crosswalk` are written out.
+    """Return a scenario document with coordinates in place of `opendrive`, `vehicle.lanes` and `pedestrian.crosswalk`.
 
     The map's path is taken from the folder of the scenario file. The walking route is the crosswalk's middle line,
     `BEYOND` at both ends, driven from its other end with `reverse: true`; the goal, unless given, is half a metre

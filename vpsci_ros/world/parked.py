@@ -70,7 +70,7 @@ def _visible(state, boxes, counts, row_of, shadows, share):  # type: ignore[no-u
 
 
 def end_crashed(state: NDArray[np.void], parked: Parked, events: NDArray[np.uint16]) -> None:
-    """End the running ones of EPISODE[B] whose vehicle touches a parked one; events uint16[B] gets bits 1 << kind."""
+    """End the running episodes of EPISODE[B] whose vehicle touches a parked one; uint16[B] `events` get 1 << kind."""
     _end_crashed(state, *parked, events)
 
 

@@ -42,7 +42,7 @@ class Path:
         return math.atan2(y1 - y0, x1 - x0)
 
     def locate(self, x: float, y: float) -> tuple[float, float]:
-        """Return the arc length [m] of the point nearest to (x, y), and the distance to its left [m]."""
+        """Return the arc length [m] of the path's point nearest to (x, y), and how far left of it (x, y) lies [m]."""
         nearest = int(np.argmin(np.hypot(self.points[:, 0] - x, self.points[:, 1] - y)))
         return project(self.points[None], 0, len(self.points), self.step, x, y, nearest * self.step)
 

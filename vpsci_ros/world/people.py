@@ -67,7 +67,7 @@ def mirrored(onsets: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @kernel
 def quantile(values, share: float) -> float:  # type: ignore[no-untyped-def]
-    """Return the quantile `share` of a table at `SHARES`."""
+    """Return the quantile at `share` (0 to 1) of a table that holds the quantiles at `SHARES`, by interpolation."""
     i = 0
     while i < SHARES.size - 2 and share >= SHARES[i + 1]:
         i += 1
@@ -76,19 +76,19 @@ def quantile(values, share: float) -> float:  # type: ignore[no-untyped-def]
 
 @kernel
 def wavering(speed: float, acceleration: float, phase: float, period: float, time: float) -> float:
-    """Return the speed [m/s] at `time` [s] of an agent that varies around `speed` with an `acceleration` [m/s2]."""
+    """Return the speed [m/s] at `time` [s] of an agent that varies around `speed`, by up to `acceleration` [m/s2]."""
     return speed + acceleration * period / (2.0 * math.pi) * math.sin(2.0 * math.pi * (time / period + phase))
 
 
 @kernel
 def car_speed(speed: float, acceleration: float, phase: float, time: float) -> float:
-    """Return the speed [m/s] at which a driver approaches."""
+    """Return the speed [m/s] at which a driver approaches, `time` [s] after the spawn."""
     return min(GREATEST_CAR, max(LEAST_CAR, wavering(speed, acceleration, phase, CAR_PERIOD, time)))
 
 
 @kernel
 def walking_pace(speed: float, acceleration: float, phase: float, time: float, moving: float, set_off: float) -> float:
-    """Return the speed [m/s] of a walker, `moving` [s] after it set off from the kerb.
+    """Return the speed [m/s] of a walker, `time` [s] after the spawn and `moving` [s] after it set off from the kerb.
 
     :param set_off: acceleration [m/s2] from there.
     """

@@ -148,7 +148,7 @@ def perceive(
 
 
 def warm_up(config: PerceptionConfig) -> None:
-    """Compile `perceive`, or load it, so that no tick waits for it."""
+    """Compile `perceive`, or load it, so that no tick waits for compilation."""
     perceive(blank(1, config, 1.0), np.zeros(1, EPISODE), config, 1.0)
 
 

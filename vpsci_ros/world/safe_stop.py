@@ -150,7 +150,7 @@ class ExternalDriver:
         return True
 
     def refuse(self, values: Sequence[float], reason: str) -> NoReturn:
-        """Count a rejected command.
+        """Count a rejected command and raise an error with the reason.
 
         :raises InvalidInput: always, with the reason.
         """

@@ -71,7 +71,7 @@ class PedestrianScenario:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One vehicle turning, one pedestrian crossing."""
+    """The lane of one vehicle, the route of one pedestrian that crosses it, and the ranges of their spawn."""
 
     number: int
     name: str
@@ -135,7 +135,7 @@ def load_scenarios(
 
 
 def own_documents(scenarios: Iterable[Scenario]) -> dict[str, Any]:
-    """Return the documents of the scenarios that are not the package's own, as JSON values, by name.
+    """Return the documents of the scenarios other than the paper's, as JSON values, by name.
 
     `scenario_from` makes a bit-identical scenario from each.
     """
@@ -144,7 +144,7 @@ def own_documents(scenarios: Iterable[Scenario]) -> dict[str, Any]:
 
 
 def every_scenario(own: Mapping[str, Any] | None = None, where: str = "") -> list[Scenario]:
-    """Return the package's scenarios and those of `own_documents`; `where` opens error messages.
+    """Return the paper's scenarios and those of `own_documents`; `where` opens error messages.
 
     :raises InvalidInput: a document is damaged.
     """

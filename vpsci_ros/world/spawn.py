@@ -49,7 +49,7 @@ def _reset(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
 
 @kernel
 def spawn(state, first, table, number, seed, tables, crowd, which, period):  # type: ignore[no-untyped-def]
-    """Make the rows of EPISODE[B] from `first` on those of an episode of scenario `tables.rows[table]`, at frame 0.
+    """Start an episode of scenario `tables.rows[table]` in the rows of EPISODE[B] from `first` on, at frame 0.
 
     Return how many there are, one a pedestrian.
 

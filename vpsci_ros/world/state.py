@@ -1,4 +1,4 @@
-"""The state of the world: one record for each vehicle and pedestrian ("slot"), and event records.
+"""The state of the world: one record for each pair of a vehicle and a pedestrian ("slot"), and event records.
 
 An episode of P pedestrians takes P records in a row, one for each pair of its vehicle, which is the same in all of
 them, and a pedestrian. With fewer pedestrians than P the last records stay idle.

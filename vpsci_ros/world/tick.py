@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 class Assessment(NamedTuple):
-    """The safety monitor's values of a tick and the rows in which policies act; made by `Tick.assessed`."""
+    """The safety monitor's values of a tick and the rows in which policies act; made by a `Tick`."""
 
     curvttc: Floats  # [B] [s], infinity where there is none
     distance: Floats  # [B] [m] between the two centres, NaN where it is not known

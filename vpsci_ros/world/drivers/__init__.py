@@ -21,7 +21,7 @@ SOCIAL_FORCE = PEDESTRIAN_DRIVERS.index("social_force")
 
 @inlined
 def controls(state, i, count, answers, tables, settings):  # type: ignore[no-untyped-def]
-    """Return (steer, throttle, brake) for the next tick, by the driver of the vehicle in rows `i` to `i + count`."""
+    """Return (steer, throttle, brake) for the next tick, by the driver of the vehicle in `count` rows from `i` on."""
     episode = state[i]
     if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_control):
         control = answers.vehicle_control
@@ -40,7 +40,7 @@ def controls(state, i, count, answers, tables, settings):  # type: ignore[no-unt
 
 @inlined
 def acceleration(episode, i, answers, tables, settings, pushes):  # type: ignore[no-untyped-def]
-    """Return the pedestrian's acceleration (ax, ay) [m/s2] in the world's frame, with the gain of (21)-(24) in it.
+    """Return the pedestrian's acceleration (ax, ay) [m/s2] in the map frame, after the gain of (21)-(24).
 
     What the others of its episode push it, `pushes` [B, 2] [m/s2], is added to whatever moves it.
     """

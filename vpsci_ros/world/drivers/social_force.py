@@ -28,7 +28,7 @@ _HALF_LENGTH, _HALF_WIDTH = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
 
 @inlined
 def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] of a pedestrian that wants to walk its route."""
+    """Return the acceleration (ax, ay) [m/s2] of a pedestrian that wants to walk its route and avoids the vehicle."""
     wanted_x, wanted_y = walker.wanted(episode, walker.pace(episode, settings), tables, settings)
     now = episode.pedestrian_vx, episode.pedestrian_vy, episode.pedestrian_x, episode.pedestrian_y
     car = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, _HALF_LENGTH, _HALF_WIDTH
@@ -39,7 +39,7 @@ def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
 def social_force(  # type: ignore[no-untyped-def]
     wanted_x, wanted_y, vx, vy, ped_x, ped_y, x, y, heading, half_length, half_width, radius
 ):
-    """Acceleration (ax, ay) [m/s2] of a pedestrian that wants the velocity (wanted_x, wanted_y) [m/s].
+    """Acceleration (ax, ay) [m/s2] of a pedestrian that wants (wanted_x, wanted_y) [m/s] and avoids the vehicle.
 
     The vehicle's rectangle has its centre at (x, y) [m].
     """
@@ -57,7 +57,7 @@ def social_force(  # type: ignore[no-untyped-def]
 
 @kernel
 def keep_apart(state, first, count, pushes):  # type: ignore[no-untyped-def]
-    """Compute the repulsion between the pedestrians in rows `first` to `first + count` of EPISODE[B], [B, 2] [m/s2]."""
+    """Write to `pushes`, [B, 2] [m/s2], the repulsion between the pedestrians in `count` rows from `first` on."""
     for i in range(first, first + count):
         pushes[i, 0] = pushes[i, 1] = 0.0
         for j in range(first, i):

@@ -30,7 +30,7 @@ def pace(episode, settings):  # type: ignore[no-untyped-def]
 
 @inlined
 def wanted(episode, speed, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the velocity (vx, vy) [m/s] with which a walker follows its route; `speed` [m/s] where it walks."""
+    """Return the velocity (vx, vy) [m/s] with which a walker follows its route at `speed` [m/s]; 0 where it stands."""
     row, offset = tables.rows[episode.table], episode.pedestrian_offset
     if as_recorded(settings.spawn, episode):
         offset = line_offset(episode, row, episode.pedestrian_s + WALK_LOOK_AHEAD)
