@@ -13,7 +13,7 @@ OUTPUT_INIT = 3e-3  # bound of the last layer's initial weights, so that an untr
 
 
 class InwardClamp(torch.autograd.Function):
-    """Clamp to [-limit, limit] whose gradient passes beyond the limit, too, where it leads back inside.
+    """Clamp to [-limit, limit]; beyond the limit, a gradient that leads back inside still passes.
 
     An output that a plain clamp has cut would get no gradient, and stay beyond the limit for good. After 'inverting
     gradients' in 'Deep reinforcement learning in parameterized action space' by Hausknecht and Stone 2016

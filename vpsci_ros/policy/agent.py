@@ -173,7 +173,7 @@ def learned_agent(agent: str, config: PolicyConfig) -> PolicyAgent:
 
 
 def policies(policy: Policy, world: World, configs: Mapping[str, PolicyConfig] | None = None) -> dict[str, PolicyAgent]:
-    """Return the policies of the agents that act by a policy in the world's configuration.
+    """Return agent -> its policy, for each agent whose driver in the world's configuration is `policy`.
 
     :param configs: agent -> how it explores and draws; without one it does not explore, and draws by the world's seed.
     """

@@ -1,4 +1,4 @@
-"""The kinds of agents: the policy by a bank or weights, and agents that other distributions add."""
+"""The kinds of agents: the policy by a bank or weights, and agents that other installed Python packages add."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: Agen
 def make_agent(agent: str, config: PolicyConfig) -> Agent:
     """Return the agent for "vehicle" or "pedestrian"; a policy has no weights yet, see `PolicyAgent.load`.
 
-    :raises InvalidInput: no agent has this name, its distribution is broken, or it cannot be this one.
+    :raises InvalidInput: no agent has this name, the package that adds it is broken, or it cannot be this one.
     """
     kind = AGENT_TYPES.find(config.agent)
     if agent not in kind.agents:

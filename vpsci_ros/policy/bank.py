@@ -83,7 +83,7 @@ class Bank:
         return self.reactions[people or next(iter(self.reactions))]
 
     def digest(self) -> str:
-        """Return the SHA-256 of all reactions, as hexadecimal digits."""
+        """Return the SHA-256 of the bank's file, as hexadecimal digits."""
         return hashlib.sha256(bank_to_bytes(self)).hexdigest()
 
 
@@ -164,7 +164,7 @@ def save_bank(path: str | Path, bank: Bank) -> None:
 
 
 def bank_from_bytes(data: bytes, where: str = "bank") -> Bank:
-    """Read the bytes of a bank's file; `where` opens the error messages.
+    """Return the bank in the bytes of its file; `where` opens the error messages.
 
     :raises InvalidInput: it is none, it is damaged, or its parts do not fit together.
     """

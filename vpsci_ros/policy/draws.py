@@ -1,4 +1,4 @@
-"""Keys of the policies' random numbers: pure functions of the episode and its frame.
+"""Keys of the policies' random numbers: pure functions of seed, episode, pedestrian and frame.
 
 So an episode draws the same in any batch, process and order.
 """
@@ -19,7 +19,7 @@ def keys(
     pedestrian: ArrayLike = 0,
     frame: ArrayLike = 0,
 ) -> Keys:
-    """Return the random keys of `count` slots at a step, uint64[count, 5], from five values, each one or [count]."""
+    """Return the random keys of `count` slots at a step, uint64[count, 5]; each value is one for all, or [count]."""
     made = np.empty((count, 5), np.uint64)
     for column, value in enumerate((seed, scenario, episode, pedestrian, frame)):
         made[:, column] = value

@@ -1,4 +1,4 @@
-"""Bookkeeping of histories: one for each episode, from the first hand-over to its end (Algorithm 1).
+"""Bookkeeping of histories: one for each episode, from its first hand-over to its end (Algorithm 1).
 
 A history has a step at every policy frame, those in which the rule-based pair drives included. What an agent did before
 such a step is then the acceleration that its motion shows. Policies at work and the learner count by the same class, so

@@ -1,4 +1,4 @@
-"""Make a bank of recorded reactions from near misses, in seconds.
+"""Make a bank of recorded reactions from near misses.
 
 A *motion* here is that of vehicle and pedestrian in a near miss, float64[T, 9]: a row for each step of 0.1 s, with the
 columns `MOTION` of the near-miss table.
@@ -183,7 +183,7 @@ def _slopes(features: Floats, done: Floats, side: Floats) -> Floats:
 
 
 def fitted(motion: Floats) -> Floats:
-    """Return the motion, float64[T, 9], fitted to the recorded positions.
+    """Return a motion, float64[T, 9], with little jerk, fitted to the recorded positions of this one.
 
     The vehicle moves along its heading and does not roll backwards.
     """

@@ -48,7 +48,7 @@ def make_actor(config: NetworkConfig) -> Actor:
 
 
 def tensor_shapes(config: NetworkConfig) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]]]:
-    """Return the tensors of an actor, and of the encoder of a critic, of `config.encoder`."""
+    """Return names and shapes of the tensors of an actor and of a critic's encoder, by `config.encoder`."""
     parts = make_actor(config), SSTEncoder(config, MODELS.find(config.encoder).layer)
     actor, encoder = ({name: tuple(value.shape) for name, value in part.state_dict().items()} for part in parts)
     return actor, encoder

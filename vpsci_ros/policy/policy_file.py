@@ -15,7 +15,7 @@ SHIPPED = ("people", "ma_sst_ddpg")
 
 
 def policy_from_bytes(data: bytes, where: str = "policy") -> Policy:
-    """Read the bytes of a policy's file; `where` opens the error messages.
+    """Return the policy in the bytes of its file; `where` opens the error messages.
 
     :raises InvalidInput: neither a bank nor weights, or damage.
     """
@@ -35,7 +35,7 @@ def load_policy(name: str | Path) -> Policy:
 
 
 def require_source(policy: Policy, people: str) -> None:
-    """Refuse the name of a source whose reactions a policy does not have; the empty name is always right.
+    """Refuse the name of a source whose reactions a policy does not have; an empty name is accepted.
 
     :raises InvalidInput: a bank without that source, or networks.
     """

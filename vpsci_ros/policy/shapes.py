@@ -10,7 +10,7 @@ Shapes = dict[str, tuple[int, ...]]
 
 
 def encoder_shapes(config: NetworkConfig) -> Shapes:
-    """Return the tensors of one encoder with the layers of `config.encoder`."""
+    """Return names and shapes of the tensors of one encoder with the layers of `config.encoder`."""
     if config.encoder != SST:
         return _built(config)[1]
     width = config.hidden
@@ -32,7 +32,7 @@ def encoder_shapes(config: NetworkConfig) -> Shapes:
 
 
 def actor_shapes(config: NetworkConfig) -> Shapes:
-    """Return the tensors of one actor."""
+    """Return names and shapes of the tensors of one actor."""
     if config.encoder != SST:
         return _built(config)[0]
     shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
@@ -40,7 +40,7 @@ def actor_shapes(config: NetworkConfig) -> Shapes:
 
 
 def critic_shapes(config: NetworkConfig) -> Shapes:
-    """Return the tensors of one critic."""
+    """Return names and shapes of the tensors of one critic."""
     shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
     shapes |= {"state.weight": (CRITIC_STATE, config.hidden), "state.bias": (CRITIC_STATE,)}
     shapes |= {"action.weight": (CRITIC_ACTION, 2 * ACTION_SIZE), "action.bias": (CRITIC_ACTION,)}
@@ -48,7 +48,7 @@ def critic_shapes(config: NetworkConfig) -> Shapes:
 
 
 def weight_shapes(config: NetworkConfig) -> Shapes:
-    """Return every tensor of a weights file: both actors, both critics, and the statistics of the speed rewards."""
+    """Return names and shapes of all tensors of a weights file: both actors, both critics, and the speed statistics."""
     shapes: Shapes = {}
     for agent in AGENTS:
         shapes |= {f"{agent}_actor.{name}": shape for name, shape in actor_shapes(config).items()}

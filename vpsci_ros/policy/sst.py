@@ -166,7 +166,7 @@ class SSTEncoder(nn.Module):
 
 
 def entry(values: Tensor, step: Tensor) -> Tensor:
-    """Return entry `step`, int64[B], of each row of values [B, T, n], [B, 1, n]."""
+    """Return of each row of values, [B, T, n], the entry at its `step`, int64[B], as [B, 1, n]."""
     return values[torch.arange(len(values)), step][:, None]
 
 

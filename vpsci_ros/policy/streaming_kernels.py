@@ -160,7 +160,7 @@ def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no
 
 @kernel
 def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, inputs, risks):  # type: ignore[no-untyped-def]
-    """Begin the histories of reset `rows`, and write the network's inputs for a step of each row.
+    """Clear the histories of those `rows` that are reset, and write the network's inputs for a step of each row.
 
     :param rows: int64[n]; observation: float32[B, 6]; curvttc: float64[B] [s]; reset: bool[B]; scaling: mean and scale
         of observations, float32[6] each; action: float32[B, 2], the last one [m/s2].

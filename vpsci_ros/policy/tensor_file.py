@@ -33,7 +33,7 @@ def digest_of(tensors: Mapping[str, NDArray[Any]]) -> str:
 
 
 def tensors_to_bytes(tensors: Mapping[str, NDArray[Any]], form: str, facts: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a file; equal contents give equal bytes.
+    """Return the bytes of a safetensors file; equal contents give equal bytes.
 
     :param form: name of the format; facts: JSON values.
     """
@@ -68,7 +68,7 @@ def read_bytes(path: str | Path, what: str) -> bytes:
 
 
 def format_of(data: bytes, where: str) -> str:
-    """Return the format that a file names in its metadata, or the empty string.
+    """Return the format named in a file's metadata, or the empty string.
 
     :raises InvalidInput: no safetensors file.
     """
@@ -76,7 +76,7 @@ def format_of(data: bytes, where: str) -> str:
 
 
 def read_tensors(data: bytes, form: str, where: str, remedy: str) -> tuple[Tensors, dict[str, Any]]:
-    """Return tensors and facts of a file's bytes.
+    """Return the tensors and facts in a file's bytes.
 
     :param form: name of the format that it has to be; remedy: what to do otherwise.
     :raises InvalidInput: not a safetensors file of this format, a tensor that is not of finite float32, or damage.

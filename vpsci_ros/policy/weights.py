@@ -77,7 +77,7 @@ def weights_to_bytes(weights: Weights) -> bytes:
 
 
 def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
-    """Read the bytes of a safetensors file; `where` opens the error messages.
+    """Return the weights in the bytes of a safetensors file; `where` opens the error messages.
 
     :raises InvalidInput: not a safetensors file of this format, or its tensors do not fit its own configuration.
     """
