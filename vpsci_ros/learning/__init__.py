@@ -1,6 +1,7 @@
 """Learning: MA-SST-DDPG from real near misses (stage 1) and in simulation (stage 2).
 
-`pretrain` is stage 1, with the updates of `maddpg` and `imitation`; `refine` is stage 2, with `transitions`, `replay`,
-`rewards` and `foresight`, and `online` runs it in one process. `critic` and `networks` are what only training needs;
-the actors are in `policy`, recorded near misses as arrays in `data.interactions`.
+`pretrain` is stage 1, `refine` is stage 2, and `online` runs stage 2 in one process. Both update `networks` by one of
+the `objectives` (the paper's: `maddpg`), with batches of `replay` and the `rewards` of their stage; `transitions` and
+`assembly` make the histories of stage 2. The actors are in `policy`, recorded near misses as arrays in
+`data.interactions`.
 """

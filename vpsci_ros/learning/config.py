@@ -1,4 +1,4 @@
-"""Parameters of training, in groups that are small enough to read; the defaults are those of the shipped `ma_sst_ddpg`.
+"""Parameters of training, in groups; the defaults are those of the shipped weights `ma_sst_ddpg`.
 
 The paper's Table 8 and section 3.2 give most of them; a description says where a value is ours.
 """
@@ -42,7 +42,7 @@ class LearnerConfig:
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """Sampling of the replay buffer."""
+    """The size of a batch drawn from recorded near misses or from the replay buffer."""
 
     batch_size: int = parameter(256, "steps of experience in one update", low=1, high=65536)
 

@@ -1,4 +1,4 @@
-"""All networks of MA-SST-DDPG: an actor and a critic for each agent, with their slowly following targets."""
+"""All networks of MA-SST-DDPG: an actor and a critic for each agent, and a target network of each."""
 
 import copy
 from typing import Any, cast
@@ -49,7 +49,7 @@ class Critic(nn.Module):
         return torch.relu(self.state(encoded))
 
     def value(self, state: Tensor, own_action: Tensor, other_action: Tensor) -> Tensor:
-        """Return Q, float32[...], of `branch`'s histories [..., 16] and the joint action [..., 2] each, m/s2."""
+        """Return Q, float32[...], of states as `branch` returns them and of both agents' actions [..., 2] [m/s2]."""
         joint = torch.relu(self.action(torch.cat([own_action, other_action], dim=-1)))
         q: Tensor = self.head(torch.cat([state, joint], dim=-1))
         return q.squeeze(-1)
@@ -133,7 +133,7 @@ class Networks(nn.Module):
                 slow.lerp_(fast, rate)
 
     def weights(self, configuration: dict[str, Any], facts: dict[str, Any]) -> Weights:
-        """Return the weights to be stored."""
+        """Return actors, first critics and reward statistics as `Weights` with this configuration and these facts."""
         tensors: dict[str, Tensor] = {}
         for agent in AGENTS:
             for kind, networks in (("actor", self.actor), ("critic", self.critic)):
@@ -145,7 +145,7 @@ class Networks(nn.Module):
 
     @classmethod
     def from_weights(cls, weights: Weights, critics: int = 1, seed: int = 0) -> "Networks":
-        """Build the networks that `weights` holds; targets start equal to them.
+        """Build the networks that `weights` holds; each target network starts equal to its network.
 
         :param critics: how many critics an agent gets; those beyond the first begin untrained, drawn by `seed`.
         """

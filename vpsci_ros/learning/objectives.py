@@ -1,6 +1,6 @@
 """Training objectives of the actors by name, for both stages; critics learn by temporal difference.
 
-`ddpg` is the paper's. Other distributions add theirs (docs/extending.md).
+`ddpg` is the paper's. Other installed Python packages add theirs (docs/extending.md).
 """
 
 from collections.abc import Callable, Sequence

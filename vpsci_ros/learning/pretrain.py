@@ -49,10 +49,10 @@ def pretrain(
 ) -> Weights:
     """Train both agents on near misses and write `pretrained.safetensors` and `log.csv` to `out_dir`.
 
-    A checkpoint in `out_dir` made by the same configuration, data and seed is gone on from, to the same result; where
-    `report` raises `Stopped` or KeyboardInterrupt, one is written before the exception goes on. An interrupt within an
-    iteration leaves the last one as it is. The log is written again at every held-out error and checkpoint, and however
-    the run ends.
+    Training resumes from a checkpoint in `out_dir` of the same configuration, data and seed, to the same result. Where
+    `report` raises `Stopped` or KeyboardInterrupt, a checkpoint is written before the exception is raised again. An
+    interrupt within an iteration leaves the last checkpoint as it is. The log is written again at every held-out error
+    and checkpoint, and however the run ends.
 
     :param near_misses: near-miss table; of it `config.held_out_clips`, or without any `held_out_fraction` by whole
         clips, is kept for the held-out error.

@@ -147,7 +147,7 @@ class Refiner:
 
     @one_thread()
     def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
-        """Add complete histories, TRANSITION[T] each, and count the new transitions that completed them."""
+        """Add complete histories, TRANSITION[T] each, and count `transitions` further transitions as received."""
         progress = self.progress
         progress.received += transitions
         progress.owed += self._config.updates_per_episode * len(finished)
@@ -198,7 +198,7 @@ class Refiner:
         return dict(progress.last)
 
     def take_refresh(self) -> bool:
-        """Return whether `weights` has changed since the last call."""
+        """Return whether the acting weights were refreshed since the last call."""
         refreshed, self.progress.refreshed = self.progress.refreshed, False
         return refreshed
 
@@ -225,7 +225,7 @@ class Refiner:
         return dict(zip(names, self.reward_weights.values.ravel().tolist(), strict=True))
 
     def acting(self) -> Weights:
-        """Return the acting actors (of the last refresh), the present critics, and the held-out errors of the mean."""
+        """Return the acting actors (of the last refresh), the present critics, and the mean actors' held-out errors."""
         return self._described(self._acting)
 
     def averaged(self) -> Weights:
@@ -256,7 +256,7 @@ class Refiner:
         return replace(present, tensors=present.tensors | actors)
 
     def weights(self) -> bytes:
-        """Return the weights that act as the bytes of a safetensors file, for `/policy/weights`."""
+        """Return the bytes of a safetensors file of the acting weights, for `/policy/weights`."""
         return weights_to_bytes(self.acting())
 
     def save(self) -> Weights:

@@ -1,4 +1,4 @@
-"""The logs of stage 2 in the graph, written during the training, whole or not at all."""
+"""The logs of stage 2 in the graph of nodes, written during the training, whole or not at all."""
 
 from pathlib import Path
 

@@ -130,7 +130,7 @@ def collate(histories: Sequence[History]) -> Batch:
 
 
 def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArray[np.int64]) -> Batch:
-    """Return the steps `at` of the interactions `row`, int64[M] each, with the `WINDOW` steps before each.
+    """Return the steps `at` of the interactions `row`, int64[M] each, with their histories of up to `WINDOW` steps.
 
     What follows the last step is as recorded. The record's end ends the episode, so returns are sums over it.
     """
@@ -160,7 +160,7 @@ def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArr
 
 
 def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generator) -> Batch:
-    """Return recorded steps, drawn uniformly and independently from all steps with actions of both agents."""
+    """Return `steps` recorded steps as a batch, drawn uniformly with replacement from those whose actions are known."""
     row, at = np.nonzero(interactions.acted)
     picked = rng.integers(len(row), size=steps)
     return recorded_steps(interactions, row[picked], at[picked])
@@ -187,7 +187,7 @@ def recorded_histories(interactions: Interactions) -> list[History]:
 
 
 def up_to_capacity(histories: list[History], capacity: int, rng: np.random.Generator) -> list[int]:
-    """Return the indices of random histories with at most `capacity` steps in total; at least one."""
+    """Return the indices of random histories with at most `capacity` steps in total; at least one history."""
     order = rng.permutation(len(histories))
     filled = np.cumsum([histories[i].steps for i in order])
     return [int(i) for i in order[: max(1, int(np.searchsorted(filled, capacity, side="right")))]]

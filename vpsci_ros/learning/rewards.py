@@ -98,7 +98,7 @@ class RecordedRewards:
         self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """Score the explored action of each recorded step and the next state by the kinematics; see `Rewards.score`."""
+        """Score noisy actions at the recorded steps, with next observations by the kinematics; see `Rewards.score`."""
         scored = {agent: explored(actions[agent], self._exploration, rng) for agent in AGENTS}
         rewards = {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS}
         return Scored(scored, rewards, _followed(batch, scored))

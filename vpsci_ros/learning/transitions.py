@@ -64,7 +64,7 @@ class TransitionBuilder:
         self._resize(len(self._open))
 
     def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> Completed:
-        """Process one tick and return the transitions that it completes.
+        """Process one tick; return the transitions that it completes, and the histories that these end.
 
         :param step: whose actions are the policies'.
         :param vehicle_version, pedestrian_version: of the weights by which they acted.
