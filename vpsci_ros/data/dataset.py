@@ -1,4 +1,4 @@
-"""The dataset on disk: one file a scenario named as in Table 6 with the columns of Table 7, an index, dataset.json.
+"""The dataset on disk: a file a scenario (name: Table 6, columns: Table 7), the index episodes.parquet, dataset.json.
 
 Episodes are written in the order of their numbers, in row groups cut by rows alone, so that the bytes of a file depend
 on the episodes only: not on who simulated them, nor on the order in which they ended. A file appears when everything
@@ -91,14 +91,14 @@ class EpisodeTable:
         return self._path, self.rows
 
     def discard(self) -> None:
-        """Remove the written file."""
+        """Remove the part file, or the finished file."""
         self._file.close()
         self._part.unlink(missing_ok=True)
         self._path.unlink(missing_ok=True)
 
 
 class DatasetWriter:
-    """Writes episodes; a context manager that discards everything when its block fails.
+    """Writes episodes; a context manager that discards the scenarios' files when its block fails or does not `close`.
 
     :param folder: made if need be; must be empty.
     :param names: scenario number -> file stem (Table 6); files are made for those of which an episode comes.
@@ -209,7 +209,7 @@ class DatasetWriter:
         return description
 
     def discard(self) -> None:
-        """Remove everything that was written."""
+        """Remove the scenarios' files, finished or not."""
         for table in itertools.chain(*self._tables.values()):
             table.discard()
         rejected = self.folder / REJECTED
@@ -218,7 +218,7 @@ class DatasetWriter:
 
 
 def write_blocks(writer: DatasetWriter, blocks: Iterable[EpisodeBlock]) -> int:
-    """Apply the writer's filters to episodes that come in any order, write them, and return their number.
+    """Apply the writer's filters to episodes that come in any order, write them, and return the number of episodes.
 
     :raises InvalidInput: an episode comes twice, or its scenario has no name in the dataset.
     """

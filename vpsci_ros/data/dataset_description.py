@@ -1,4 +1,4 @@
-"""The content of dataset.json: counts by scenario and reason, how near episodes came, and each file with its hash."""
+"""The content of dataset.json: counts by scenario and reason, quartiles of the least CurvTTC, hashes of all files."""
 
 from collections.abc import Mapping
 from dataclasses import asdict

@@ -66,7 +66,7 @@ class Dataset:
 
     @cached_property
     def own_scenarios(self) -> list[Scenario]:
-        """The user's scenarios, which the dataset contains."""
+        """The scenarios other than the paper's, whose documents dataset.json contains."""
         return own_scenarios(self.description.get("own_scenarios"), str(self.folder))
 
     @cached_property
@@ -131,7 +131,7 @@ class Dataset:
         return self._file(name, rejected=True) is not None
 
     def rows(self, name: str) -> pl.DataFrame:
-        """Return all rows of one scenario, by its name."""
+        """Return all rows of a scenario's kept episodes, by the scenario's name."""
         parts = [part for _, part in self._parts(name)]
         return pl.concat(parts) if parts else pl.DataFrame(schema=_SCHEMA)
 

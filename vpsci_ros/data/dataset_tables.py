@@ -94,7 +94,7 @@ def index_table(records: NDArray[np.void]) -> pl.DataFrame:
 
 
 def pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[int, int, int]]:
-    """Yield the first row of each episode, the row after its last one, and how many pedestrians it has.
+    """Yield of each episode its first row, the row after its last one, and its number of pedestrians.
 
     :param rows: of whole episodes, of one scenario or with a column "scenario".
     :param path: the opening of the error message.

@@ -83,7 +83,7 @@ class EpisodeBlock:
         return np.asarray(self.records["reason"] == KEPT)
 
     def only(self, chosen: NDArray[np.bool_]) -> "EpisodeBlock":
-        """Return the episodes where bool[n] is true."""
+        """Return the episodes where `chosen`, bool[n], is true."""
         return EpisodeBlock(self.records[chosen], self.values[np.repeat(chosen, self.records["rows"])])
 
     def first_critical(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -96,7 +96,7 @@ class EpisodeBlock:
         return np.repeat(np.arange(len(self)), several)[found], first[found]
 
     def stored(self, keep_rejected: bool) -> "EpisodeBlock":
-        """Return the episodes, without the rows of rejected episodes unless rejected episodes are stored."""
+        """Return the episodes; those that are rejected lose their rows, unless `keep_rejected`."""
         stored, records = self.kept | keep_rejected, self.records.copy()
         records["rows"] = np.where(stored, records["rows"], 0)
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])

@@ -39,7 +39,7 @@ EPISODE_COLUMNS: dict[str, Column] = {
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode], **more: Any) -> None:
-    """Write simulated episodes of one period, whole or not at all.
+    """Write simulated episodes of one frame period, whole or not at all.
 
     :param more: JSON values that `read_metadata` returns by these names.
     """

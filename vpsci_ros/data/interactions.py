@@ -82,7 +82,7 @@ class Interactions:
 
 
 def from_table(table: pl.DataFrame) -> Interactions:
-    """Build `Interactions` from the rows of a near-miss table that `vpsci_ros.data.reference.around_critical` returns.
+    """Build `Interactions` from a near-miss table's rows around critical steps, see `reference.around_critical`.
 
     :raises InvalidInput: no interaction of at least two steps.
     """

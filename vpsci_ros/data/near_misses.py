@@ -140,7 +140,7 @@ def _sizes(path: str | Path) -> dict[str, tuple[float, float]]:
 def check_near_misses(
     table: pl.DataFrame, where: str, sizes: Mapping[str, tuple[float, float]] | None = None
 ) -> pl.DataFrame:
-    """Return `table` with exactly the columns and types of `NEAR_MISS_COLUMNS`.
+    """Check a near-miss table and return it with exactly the columns and types of `NEAR_MISS_COLUMNS`.
 
     :param where: what the table comes from, the opening of each error message.
     :param sizes: source -> length and width of vehicles [m], for columns that the table does not have; of other
@@ -357,7 +357,7 @@ def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.Data
 
 
 def place_of(seed: int, source: str, clip: str) -> str:
-    """Return the hash by which clips are sorted."""
+    """Return the hash of a clip by which `split_by_clip` sorts clips."""
     return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()
 
 

@@ -137,7 +137,7 @@ def _require_little(text: float) -> None:
 
 
 def as_polars(table: pa.Table) -> pl.DataFrame:
-    """Return an Arrow table as a polars table, whose names must be in UTF-8, since polars would panic.
+    """Return an Arrow table as a polars table; column names must be in UTF-8, since polars would panic.
 
     :raises ValueError: a name is not in UTF-8.
     """

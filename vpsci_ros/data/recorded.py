@@ -1,4 +1,4 @@
-"""Recorded people as episodes: the interactions of a near-miss table."""
+"""Recorded interactions as episodes, from a near-miss table."""
 
 from collections.abc import Collection, Iterator
 

@@ -42,7 +42,7 @@ FLAG_RULES = {
 
 
 def slopes(values: Floats, span: int) -> Floats:
-    """Return the slope [1/s] of each `span` + 1 neighbouring values on the 0.1 s grid: a least-squares line.
+    """Return the least-squares slope [1/s] of every `span` + 1 neighbouring values on the 0.1 s grid.
 
     :param values: float64[T], more than `span`.
     :returns: float64[T - span], the first of the values 0 to `span`.

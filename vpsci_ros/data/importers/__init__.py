@@ -2,7 +2,7 @@
 
 `tracks` defines importers and clips, and resamples tracks; `vci`, `cqut_pvi` and `described` read formats, some by a
 `layout` of columns. `pairs` finds the near misses of clips, `summary` describes them. `run` is the entry point, with
-the list of formats, to which other distributions add theirs (`docs/extending.md`).
+the list of formats, to which other installed Python packages add theirs (`docs/extending.md`).
 """
 
 from vpsci_ros.data.importers.run import IMPORTERS, import_folders, import_trajectories, imported_clips, named

@@ -219,7 +219,7 @@ def _time_step(event: _Event) -> float:
 
 
 def smoothed(place: Floats, step: float, cutoff: float = CUTOFF) -> tuple[Floats, float]:
-    """Return a smooth path through measured positions on the 0.1 s grid, and its distance from them.
+    """Return a smooth path at steps of 0.1 s through measured positions, and its root mean square distance from these.
 
     The way x minimises the integral of |x - p|^2 + (2 pi `cutoff`)^-6 |x'''|^2 over time, in which p counts where it
     was measured: a penalty on jerk, which keeps constant accelerations.

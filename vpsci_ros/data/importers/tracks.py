@@ -1,6 +1,6 @@
 """Importers, clips and tracks: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid.
 
-The built-in importers are listed in `run`; other distributions add theirs by entry points, see `docs/extending.md`.
+The built-in importers are listed in `run`; other installed packages add theirs (docs/extending.md).
 """
 
 import codecs
@@ -126,7 +126,7 @@ def median_speed(pedestrian: Track) -> float:
 
 
 def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
-    """Return a CSV file with every value as text, without a byte order mark or similar marks.
+    """Return a CSV file with every value as text; byte order marks and spaces around values are removed.
 
     UTF-16 is known by its mark; a header without `delimiter` may have ";" or tabs, with which decimal commas are
     allowed; spaces around names and values go, and so does the ".0" that a table program adds to whole numbers.
