@@ -62,7 +62,7 @@ class BagEpisode:
         return f"{self.scenario}:{self.episode}"
 
     def to_record(self) -> dict[str, str]:
-        """Return the values of the text record."""
+        """Return the episode as the values of a text record."""
         return {field.name: str(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
@@ -85,11 +85,11 @@ class EpisodeLog:
 
     @property
     def unfinished(self) -> int:
-        """Episodes that have begun and not ended."""
+        """Number of episodes that have begun and not ended."""
         return len(self._open)
 
     def add(self, tick: int, time: int, events: NDArray[np.void], file: str = "") -> list[BagEpisode]:
-        """Process the events of a message, EVENT[n], at `tick` and `time` [ns]; return the episodes that they end.
+        """Process the events of a message, EVENT[n], at `tick` and `time` [ns]; return the episodes that ended.
 
         An episode whose beginning was not seen is left out. The pedestrians of an episode begin and end together, one
         after the other in the message.
@@ -198,7 +198,7 @@ def _some(episodes: list[BagEpisode]) -> str:
 
 
 def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterator[RecordedTick]:
-    """Yield the ticks of these episodes in order; a complete bag is read by its index.
+    """Yield the ticks of a bag from the start of each chosen episode to 1 s after its end, in order.
 
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """

@@ -1,4 +1,4 @@
-"""Information on a bag: topics, rates, episodes, outcomes, origin, and what commands lack in it."""
+"""Information on a bag: topics, rates, episodes, outcomes, origin, and what it lacks for some commands."""
 
 import dataclasses
 import math

@@ -74,7 +74,7 @@ class McapFile:
         return list(by_name(single).values())
 
     def named_records(self) -> list[tuple[str, dict[str, str]]]:
-        """Return the file's text records with their names, in the order of writing, without reading messages.
+        """Return the file's text records with their names, in the order of writing; with an index, no message is read.
 
         :raises InvalidInput: see `messages`.
         """

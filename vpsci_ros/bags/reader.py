@@ -78,7 +78,7 @@ class Bag:
 
     @cached_property
     def begin(self) -> int:
-        """The first log time [ns] at which the clock ran; 0 for a bag without a message."""
+        """The first log time [ns], without messages logged at 0 before the first `/clock`; 0 for a bag without any."""
         recorded = [topic for topic in self._named.values() if topic.messages]
         return extent(recorded)[0] if recorded else 0
 
@@ -166,7 +166,7 @@ def bag_files(path: str | Path) -> list[Path]:
 
 
 def lost_files(path: Path, information: Mapping[str, Any]) -> str:
-    """Return a sentence that names the files of `bag_information` that a folder lacks; "" if it lacks none."""
+    """Return a sentence that names the files listed in metadata.yaml that a folder lacks; "" if it lacks none."""
     listed = information.get("relative_file_paths")
     names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []
     lost = [name for name in names if not (path / name).exists()]

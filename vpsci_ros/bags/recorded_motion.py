@@ -1,4 +1,4 @@
-"""Motion recorded in a bag: its vehicles or pedestrians move again while the other agent is simulated."""
+"""The recorded motion in a bag, for the world's replay drivers."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ _PEDESTRIAN = ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy")
 
 
 def recorded_from_bag(bag: str | Path) -> Recorded:
-    """Return the motion of both agents in every episode of a recorded graph, for the replay drivers of a `World`.
+    """Return the motion of both agents in every episode of a bag, for the replay drivers of a `World`.
 
     Of several pedestrians it is the first one. The bag must have been recorded at the tick of the world that replays
     it. An episode that was cut off at the end of the bag is replayed as far as it goes; beyond its recording an agent

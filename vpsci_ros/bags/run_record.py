@@ -56,7 +56,7 @@ def software_record() -> dict[str, str]:
 
 
 def scenario_records(scenarios: Iterable[Scenario]) -> list[dict[str, str]]:
-    """Return the values of the text records of scenarios that are not the package's own."""
+    """Return the values of the text records of scenarios other than the paper's."""
     return [{"name": name, "document": json.dumps(document)} for name, document in own_documents(scenarios).items()]
 
 
@@ -106,7 +106,7 @@ def bag_run(bag: Bag) -> BagRun:
 
 
 def scenarios_of(bag: Bag, *, own: bool = False) -> list[Scenario]:
-    """Return the scenarios that may occur in a bag: the package's, and those stored in the bag.
+    """Return the scenarios that may occur in a bag: the paper's, and those stored in the bag.
 
     :param own: only the latter.
     :raises InvalidInput: see `bag_run`.

@@ -33,7 +33,7 @@ def write_ticks(
     nodes: Iterable[Mapping[str, str]] = (),
     scenarios: Iterable[Scenario] = (),
 ) -> int:
-    """Write the ticks of one episode after another as a bag and return their number.
+    """Write the ticks of one episode after another as a bag and return the number of ticks.
 
     :param custom_data: goes into its metadata.
     :param nodes: records of `vpsci_ros.bags.run_record.node_record`, from which `vpsci bag verify` makes the bag again.

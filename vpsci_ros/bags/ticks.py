@@ -1,4 +1,4 @@
-"""Recorded graphs read back without ROS, tick by tick."""
+"""The ticks of a bag, read without ROS."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -26,7 +26,7 @@ class TopicInfo:
     latched: int = 0
 
     def merged(self, other: TopicInfo) -> TopicInfo:
-        """Return the information on this topic, merged over two files."""
+        """Return this topic's information merged with that on the same topic in another file."""
         if not self.messages or not other.messages:
             return self if self.messages else other
         firsts, last = (self.first, other.first), max(self.last, other.last)
@@ -41,7 +41,7 @@ class TopicInfo:
 
 
 def extent(topics: Collection[TopicInfo]) -> tuple[int, int]:
-    """Return the first and the last log time [ns] of some topics, of which one at least has a message."""
+    """Return the first and the last log time [ns] of some topics, at least one of which has a message."""
     last = max(topic.last for topic in topics)
     return min(topic.first for topic in topics if topic.messages and (topic.last or last <= DAY)), last
 

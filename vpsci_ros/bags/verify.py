@@ -66,7 +66,7 @@ class VerifiedBag:
 
 
 def verify_bag(bag: str | Path | Bag, *, weights: str = "") -> VerifiedBag:
-    """Simulate the episodes of a bag again and compare every message of every tick.
+    """Simulate the episodes of a bag again and compare the messages of world, monitor and policies at every tick.
 
     :param weights: a weights file, or a shipped name, to take in place of the one that the bag names.
     :raises InvalidInput: no bag, or one that cannot be simulated again: why is said.

@@ -130,7 +130,7 @@ class BagWriter:
         self.topics[topic].refused += 1
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Store a named record of text values, found again without reading the messages; errors as `write`."""
+        """Store a named record of text values, which can be read without the messages; errors as `write`."""
         with self._on_disk():
             self._writer.add_metadata(name, dict(values))
             self._flush()
