@@ -35,6 +35,6 @@ def print_errors(result: dict[str, Any], console: Console) -> None:
 
 
 def share_text(value: float, interval: list[float]) -> str:
-    """Return a share with its interval as one cell."""
+    """Return a share with its interval as text, such as "0.85 (0.80-0.91)"."""
     digits = 2 if value < 10.0 else 1
     return f"{value:.{digits}f} ({interval[0]:.{digits}f}-{interval[1]:.{digits}f})"

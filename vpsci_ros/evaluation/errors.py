@@ -34,7 +34,7 @@ Share = tuple[float, list[float]]  # and its interval
 
 
 def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int = 0) -> dict[str, Any]:
-    """Measure models and controls on near misses, in the layout of `vpsci evaluate --json`.
+    """Return the errors of models and controls on near misses, in the layout of `vpsci evaluate --json`.
 
     {"interactions": N, "clips": C, "units": "118 clips", "models": {NAME: {"reconstruction": ERRORS, "closed_loop":
     ERRORS}}}, where `units` is what intervals resample, see `statistics.units_of`, and ERRORS
@@ -70,7 +70,7 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor]
 
 
 def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int) -> dict[str, Any]:
-    """Return errors and energy score [m] over the 3 s after each onset, whether critical or not.
+    """Return errors and energy score [m] over the 3 s after each onset, steps that are not critical included.
 
     {"interactions": N, "clips": C, "units": .., "models": {NAME: {"roll_outs": K, "ade": m, "fde": m,
     "energy_score": m, "energy_score_interval": [m, m], "of_constant_velocity": share of the tracked control's energy
@@ -107,7 +107,7 @@ def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor]
 
 
 def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: int) -> dict[str, Any]:
-    """Add the controls to measured errors of the same interactions; return the layout of `evaluate`."""
+    """Return measured errors with those of the controls on the same interactions, in the layout of `evaluate`."""
     errors = dict(errors) | {"repeat_velocity": measure(RepeatVelocity(), interactions)}
     held = constant_velocity_reconstruction(interactions)
     loop = errors["repeat_velocity"]["closed_loop"]
@@ -129,7 +129,7 @@ def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: in
 
 
 def share_of(errors: ProtocolErrors, reference: ProtocolErrors, units: Units, seed: int) -> Share:
-    """Return a model's ADE as a share of another's on the same N interactions, with its 95% interval by `units`."""
+    """Return a model's ADE as a share of the reference's on the same interactions, with the 95% interval by `units`."""
     return _share(errors, reference, cluster_counts(units.labels, seed))
 
 

@@ -1,4 +1,4 @@
-"""The held-out error: both protocols on near misses of clips that training never sees, beside the control."""
+"""The held-out error: both protocols on near misses of clips that training never sees, for weights and the control."""
 
 import polars as pl
 
@@ -36,7 +36,7 @@ class HeldOut:
 def split_as_before(
     near_misses: pl.DataFrame, weights: Weights, fraction: float, seed: int
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return near misses to train on, and those of the clips that `weights` were not trained on.
+    """Return near misses to train on, and those of the clips that were held out when `weights` were trained.
 
     If the table has none of these clips, `fraction` of it is held out, by whole clips.
     """

@@ -1,4 +1,4 @@
-"""Recorded onsets (first step whose causal CurvTTC is below 5 s) with 1 s before and 3 s after each."""
+"""Recorded onsets, the first steps with `curvttc_causal` below 5 s, with up to 1 s before and 3 s after each."""
 
 from dataclasses import dataclass, replace
 
@@ -59,7 +59,7 @@ class Onsets:
 
     @property
     def recorded(self) -> Floats:
-        """float64[N, 2, 30, 2] [m]: where vehicle and pedestrian went in the 3 s after the onset."""
+        """float64[N, 2, 30, 2] [m]: the positions of vehicle and pedestrian at the 30 steps after the onset."""
         steps = self.interactions.first[:, None] + 1 + np.arange(STEPS)
         after = self.interactions.motion[np.arange(len(self))[:, None], steps]
         return np.stack([after[..., 0:2], after[..., 5:7]], axis=1)
@@ -70,7 +70,7 @@ class Onsets:
 
 
 def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
-    """Return the candidate donors of each onset, bool[n, L]: other clips, of the same source if it has any.
+    """Return which onsets of `library` are donors of each onset, bool[n, L]: other clips, of its source if it has any.
 
     Where the library has no other clip, the donors are other groups.
 
@@ -86,7 +86,7 @@ def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
 
 
 def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
-    """Return the onsets of a near-miss table of whole tracks that have 3 s recorded after them.
+    """Return those onsets of a near-miss table of whole tracks after which 3 s are recorded.
 
     :param table: see `vpsci_ros.data.near_misses`; `reference.clean` leaves out standing cars and the like.
     :param history: steps that must be recorded before the onset, 0 to 10.

@@ -27,7 +27,7 @@ class Predictor(Protocol):
 
     @property
     def tracked_steps(self) -> int:
-        """Number of steps from which the vehicle's first speed is estimated; 0: the recorded speed."""
+        """Number of steps by whose positions the vehicle's initial velocity is estimated; 0: the recorded velocity."""
 
     def begin(self, count: int) -> None:
         """Prepare for `count` interactions with empty histories."""
@@ -77,7 +77,7 @@ class RepeatVelocity:
 
 
 class PolicyPredictor:
-    """Both actors of a weights file, run by the nodes' streaming code."""
+    """Both actors of a weights file, run by the nodes' code."""
 
     tracked_steps = 0  # speeds as recorded, as they have learned
 
@@ -125,7 +125,7 @@ def sources_for(bank: Bank, clip: NDArray[np.object_], people: str = "") -> NDAr
 
 
 class PeoplePredictor:
-    """Reactions of a bank, by the nodes' code; both agents keep their velocity until CurvTTC is critical.
+    """Reactions of a bank, replayed by the nodes' code; both agents keep their velocity until CurvTTC is critical.
 
     :param clip: object[N], "source/clip" of each interaction, see `sources_for`.
     :param seed: of the draws; row i draws as episode i of scenario 0.

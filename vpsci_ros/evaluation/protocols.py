@@ -56,7 +56,7 @@ Measured = dict[str, ProtocolErrors]
 
 
 def eligible(interactions: Interactions) -> Interactions:
-    """Return the interactions that the protocols use: those of at least one second.
+    """Return the interactions that the protocols use: at least 1 s from the first critical step to the last.
 
     :raises InvalidInput: there is none.
     """
@@ -70,7 +70,7 @@ def eligible(interactions: Interactions) -> Interactions:
 
 
 def reconstruct(model: Predictor, interactions: Interactions) -> ProtocolErrors:
-    """Return errors of every step predicted from the recorded history; `interactions` as `eligible` returns them.
+    """Return a model's reconstruction errors: each step is predicted from the recorded history; see also `eligible`.
 
     This is our reading of the paper's protocol; its text fits closed loop as well.
     """
@@ -104,7 +104,7 @@ def constant_velocity_reconstruction(interactions: Interactions) -> ProtocolErro
 
 
 def closed_loop(model: Predictor, interactions: Interactions) -> ProtocolErrors:
-    """Return errors of both agents in closed loop; `interactions` as `eligible` returns them."""
+    """Return a model's closed-loop errors: both agents run on its predictions; `interactions`: see `eligible`."""
     predicted = closed_loop_trajectories(model, interactions)
     n, steps = predicted.shape[:2]
     rows = np.arange(n)[:, None]
@@ -131,7 +131,7 @@ def horizon(interactions: Interactions) -> NDArray[np.int64]:
 
 @torch.no_grad()
 def closed_loop_trajectories(model: Predictor, interactions: Interactions) -> NDArray[np.float64]:
-    """Return the predicted rows, float64[N, H, 9] as in `Interactions.motion`, after the first critical step."""
+    """Return the predicted motion after the first critical step, float64[N, H, 9], rows as in `Interactions.motion`."""
     n = len(interactions)
     model.begin(n)
     rows = np.arange(n)

@@ -24,7 +24,7 @@ def errors(positions: Floats, recorded: Floats) -> Floats:
 
 
 def energy_score(positions: Floats, recorded: Floats) -> Floats:
-    """Return the energy score, float64[n] [m]: mean error less half the mean distance of two different roll-outs.
+    """Return the energy score, float64[n] [m]: mean error minus half the mean distance of two different roll-outs.
 
     Distances of a roll-out to itself do not count, so that the expectation does not depend on K.
 
@@ -42,7 +42,7 @@ def energy_score(positions: Floats, recorded: Floats) -> Floats:
 
 
 def min_ade(positions: Floats, recorded: Floats, best_of: int = BEST_OF) -> Floats:
-    """Return the expected least error of `best_of` of the K roll-outs (or of all K, if fewer), float64[n] [m].
+    """Return the expected least error of `best_of` roll-outs chosen from the K (if fewer, of all K), float64[n] [m].
 
     The expectation is over all choices of `best_of` roll-outs, so it does not depend on their order.
     """

@@ -43,12 +43,12 @@ def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
 
 
 def tracked(onsets: Onsets) -> Floats:
-    """Return positions at constant velocity, K = 1; the vehicle's is computed from its last positions (`scene_at`)."""
+    """Return positions, float64[n, 1, 2, 30, 2] [m], at constant velocity, the vehicle's by its last positions."""
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
-    """Return a policy as a simulator; K = 1 for networks, which are deterministic.
+    """Return a policy as a simulator: `roll_outs` roll-outs an onset by a bank, one by (deterministic) networks.
 
     :param people: of a bank, whose reactions act, see `PeoplePredictor`.
     """
@@ -74,7 +74,7 @@ def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[
 
 
 def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) -> Floats:
-    """Return positions under the social force pedestrian and the autopilot without a lane, K = 1.
+    """Return positions, float64[n, 1, 2, 30, 2] [m], of a social force pedestrian and the autopilot without a lane.
 
     The pedestrian wants the velocity of the onset. The vehicle keeps its direction and tracked speed, and brakes fully
     for a pedestrian near and straight ahead of its front.

@@ -68,12 +68,12 @@ def units_of(clips: NDArray[Any], groups: NDArray[np.int64]) -> Units:
 
 
 def share(hits: int, n: int, level: float = LEVEL) -> Estimate:
-    """Return hits / n with `wilson_interval`."""
+    """Return hits / n with its `wilson_interval`; NaN where n is 0."""
     return Estimate(hits / n, *wilson_interval(hits, n, level), n) if n else NOTHING
 
 
 def wilson_interval(hits: int, n: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the score interval of a rate of `hits` in `n` trials; (0, 1) where there were none.
+    """Return the score interval of a rate of `hits` in `n` trials; (0, 1) where n is 0.
 
     See Wilson, "Probable inference, the law of succession, and statistical inference" (JASA 22, 1927).
     """
@@ -102,7 +102,7 @@ def share_difference(only_first: int, only_second: int, n: int, level: float = L
 
 
 def mcnemar(only_first: int, only_second: int) -> float:
-    """Return the exact two-sided p-value of McNemar's test: both events are equally frequent in the same units.
+    """Return the exact two-sided p-value of McNemar's test that two events are equally frequent in the same units.
 
     See McNemar, "Note on the sampling error of the difference between correlated proportions" (Psychometrika 12, 1947).
     """
@@ -126,7 +126,7 @@ def resampled(values: Floats, statistic: Statistic, seed: int = 0, level: float 
 def resampled_difference(
     first: Floats, second: Floats, statistic: Statistic, seed: int = 0, level: float = LEVEL
 ) -> Estimate:
-    """Return statistic(first) - statistic(second), float64[n] of the same units, which are resampled as pairs."""
+    """Return statistic(first) - statistic(second) with its interval; both are float64[n], resampled as pairs."""
     if len(first) == 0:
         return NOTHING
     rows = np.stack(list(resamples(len(first), seed)))
@@ -145,7 +145,7 @@ def quantile(q: float) -> Statistic:
 
 
 def resamples(n: int, seed: int, count: int = RESAMPLES) -> Iterator[NDArray[np.int64]]:
-    """Yield `count` bootstrap resamples of n units: the number of each unit drawn, int64[n]."""
+    """Yield `count` bootstrap resamples of n units: the indices of the drawn units, int64[n] each."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         yield rng.integers(n, size=n)
