@@ -1,4 +1,4 @@
-"""Chosen episodes of a dataset as a bag: simulated again."""
+"""Chosen episodes of a dataset, simulated again and written as a bag."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from vpsci_ros.parameters import values_of
 
 
 def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) -> int:
-    """Write episodes of a dataset to a bag and return the number of ticks.
+    """Simulate episodes of a dataset again, write them to a bag, and return the number of its ticks.
 
     :param episodes: (scenario number, episode number), kept or not.
     :raises InvalidInput: no dataset of `generate`, an unknown scenario, or `bag` is not empty.

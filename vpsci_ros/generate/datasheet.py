@@ -1,4 +1,4 @@
-"""The datasheet of a generated dataset, its README.md: content, origin and limits, in its own numbers.
+"""The datasheet of a generated dataset, its README.md: content, origin and limits, with the dataset's numbers.
 
 Its words are in `templates/datasheet.md`.
 """

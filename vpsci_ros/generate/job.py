@@ -23,7 +23,7 @@ from vpsci_ros.world.scenario import own_documents
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """The content of a dataset: its number of episodes, its file formats and its rejected episodes."""
+    """The content of a dataset: its number of kept episodes, its file formats, and whether it has rejected episodes."""
 
     kept: int = parameter(
         0, "kept episodes to generate in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
@@ -53,7 +53,7 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class Policy:
-    """One agent's policy: the bytes of its weights file, and its exploration."""
+    """One agent's policy: the bytes of its file (weights or a bank), and its exploration."""
 
     data: bytes
     name: str
@@ -61,12 +61,12 @@ class Policy:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the weights file."""
+        """SHA-256 of the policy's file."""
         return hashlib.sha256(self.data).hexdigest()
 
     @property
     def file(self) -> str:
-        """Name of the copy in the dataset's folder."""
+        """Name of the copy of the policy's file in the dataset's folder."""
         return f"weights-{self.digest[:12]}.safetensors"
 
 

@@ -1,4 +1,4 @@
-"""The parts of a dataset in the making: a Parquet file for each finished unit, so that a stopped run resumes.
+"""The parts of an unfinished dataset: a Parquet file for each finished unit of work; a stopped run resumes from them.
 
 The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts. A part has
 the rows of its episodes as the dataset has them, uncompressed, and the records of all episodes in its schema. It
@@ -34,7 +34,7 @@ _NUMBERS = [name for name, column in DATASET_COLUMNS.items() if column.dtype.is_
 
 
 def write_part(path: Path, block: EpisodeBlock) -> None:
-    """Write the episodes of a unit, in the order of their numbers."""
+    """Write the part of a unit: its episodes, in the order of their numbers."""
     records = block.records.tobytes()
     rows = arrow_rows(block, records=records.hex(), checksum=zlib.crc32(records))
     with atomic_write(path) as part:
@@ -73,7 +73,7 @@ class Parts:
         return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.parquet"
 
     def load(self, unit: Unit) -> tuple[NDArray[np.void], pa.Table] | None:
-        """Return a unit's records and rows; None for an unfinished or damaged one, which is removed."""
+        """Return a unit's records and rows; None if it is unfinished or its part damaged; a damaged part is removed."""
         path = self.path(unit)
         if not path.is_file():
             return None

@@ -40,12 +40,12 @@ class ScenarioPlan:
 
     @property
     def acceptance(self) -> float:
-        """Share of kept episodes, 1 before the first unit."""
+        """Share of the simulated episodes that are kept; 1 before the first computed unit."""
         return self.kept / self.simulated if self._kept else 1.0
 
     @property
     def expected(self) -> float:
-        """Expected kept episodes of all units handed out, as share of the target."""
+        """Kept episodes to expect of all units handed out, computed or not, as a share of the target."""
         running = len(self._handed_out - self._kept.keys()) * self._size
         return (self.kept + running * self.acceptance) / self.target
 
@@ -71,7 +71,7 @@ class ScenarioPlan:
         return Unit(self.scenario, range(begin, begin + self._size))
 
     def hand_out(self) -> Unit:
-        """Return the first unit that was not handed out yet."""
+        """Return the first unit that was not handed out yet, and count it as handed out."""
         place = next(place for place in itertools.count() if place not in self._handed_out)
         self._handed_out.add(place)
         return self.unit(place)
@@ -84,7 +84,7 @@ class ScenarioPlan:
 
 
 class DatasetPlan:
-    """All scenarios of a run.
+    """The plans of all scenarios of a run.
 
     :param targets: kept episodes wanted by scenario.
     :param give_up: rejected episodes, in multiples of the target, after which a scenario fails.
@@ -100,7 +100,7 @@ class DatasetPlan:
         return all(scenario.complete for scenario in self.scenarios.values())
 
     def next(self) -> Unit | None:
-        """Return the next unit of the scenario with the least progress; None if the running units may suffice.
+        """Hand out the next unit of the scenario with the least progress; None if the units handed out may suffice.
 
         :raises VpsciError: a scenario keeps next to nothing.
         """

@@ -8,7 +8,7 @@ from vpsci_ros.runs.text_table import short_name
 
 
 class ProgressOfRun(Bars):
-    """A bar for each scenario; without a terminal a line for all at intervals and at the end.
+    """A bar for each scenario; without a terminal, one line for all scenarios at intervals and at the end.
 
     :param names: of the scenarios by number.
     """
