@@ -28,7 +28,7 @@ def gap(forward: float, left: float, half_length: float, half_width: float) -> f
 
 @kernel
 def in_vehicle_frame(heading, dx, dy, ped_vx, ped_vy):  # type: ignore[no-untyped-def]
-    """Return the pedestrian's position from the vehicle [m] and velocity [m/s]: forward, left of each, four numbers."""
+    """Return the pedestrian's position from the vehicle [m] and velocity [m/s] as (forward, left, forward, left)."""
     cos, sin = math.cos(heading), math.sin(heading)
     return cos * dx + sin * dy, cos * dy - sin * dx, cos * ped_vx + sin * ped_vy, cos * ped_vy - sin * ped_vx
 
