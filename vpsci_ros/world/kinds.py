@@ -57,7 +57,7 @@ class KindMixture:
 
 @kernel
 def draw_kind(episode, seed, limits):  # type: ignore[no-untyped-def]
-    """Draw an EPISODE record's kind of pedestrian by `KindMixture.limits`, and when it reacts."""
+    """Draw an EPISODE record's kind of pedestrian by `KindMixture.limits`, and its reaction delay [s]."""
     episode.kind, episode.reaction_delay = ADULT, 0.0
     if limits[ADULT] >= 1.0:
         return

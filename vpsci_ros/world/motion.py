@@ -27,7 +27,7 @@ def move_vehicle(episode, steer, throttle, brake, period):  # type: ignore[no-un
 
 @inlined
 def move_pedestrian(episode, ax, ay, settings):  # type: ignore[no-untyped-def]
-    """Move the pedestrian through one tick with an acceleration [m/s2] in the world's frame."""
+    """Move the pedestrian through one tick with an acceleration (ax, ay) [m/s2] in the map frame."""
     now = episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy
     x, y, vx, vy = kinematics.walk(*now, ax, ay, 1.0, min(RUNNING_SPEED, TOP_SPEED[episode.kind]), settings.period)
     episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
