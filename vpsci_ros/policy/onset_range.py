@@ -72,7 +72,7 @@ def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
 
 
 def range_of_episode(episode: Episode, reach: Floats | None) -> str:
-    """Return one of `RANGES` for an episode: "beyond" if one of its pedestrians was beyond the range at its onset."""
+    """Return one of `RANGES` for an episode: "beyond" if a pedestrian was beyond the range `reach` at its onset."""
     critical = episode.known_curvttc < CRITICAL_TTC
     who = np.flatnonzero(critical.any(axis=1))
     if reach is None or not who.size:
