@@ -10,7 +10,7 @@ STALE = 65536  # transitions; no world steps more episodes at once, so an open h
 
 
 class HistoryAssembler:
-    """Collects TRANSITION rows by episode; a history with a missing row is dropped, since its later states are unknown.
+    """Collects TRANSITION rows into one history an episode; a history with a missing row is dropped.
 
     :ivar consumed: number of the row that should come next.
     :ivar lost: rows that never came, by the gaps in their numbers (so not those after the last one that came).
