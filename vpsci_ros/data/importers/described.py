@@ -80,7 +80,7 @@ _KEYS: dict[str, Any] = {
 
 
 def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
-    """Yield a clip for each file that the layout names.
+    """Yield the clips of the files that the layout names: one a file, or one a value of the layout's `clip` column.
 
     :param description: the layout's file; None: `layout.yaml` in the folder.
 

@@ -1,4 +1,4 @@
-"""Near misses of clips: the CurvTTC of each vehicle with each pedestrian along their joint track.
+"""Near misses of clips: the CurvTTC of each vehicle with each pedestrian while both are tracked.
 
 The whole joint track of a near miss is stored; `vpsci_ros.data.reference` selects the rows for training.
 """
