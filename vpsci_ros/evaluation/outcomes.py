@@ -41,7 +41,7 @@ class Outcomes:
                 self.least_curvttc.append(float(event["least_curvttc"]))
 
     def rates(self, last: int | None = None) -> dict[str, float]:
-        """Return collision, goal and timeout rates of the `last` episodes (None: all), and the number of all."""
+        """Return the rates of collision, goal, timeout in the `last` episodes (None: all), and the number of all."""
         outcomes = np.array(self.outcomes if last is None else self.outcomes[-last:])
         count = max(1, len(outcomes))
         collision, goal = float((outcomes == COLLISION).sum()) / count, float((outcomes == GOAL).sum()) / count
