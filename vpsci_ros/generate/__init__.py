@@ -1,4 +1,4 @@
-"""Stage 3: a dataset from a seed and a weights file, by this process and its workers.
+"""Stage 3: a dataset from a seed and the policies' files, by this process and its workers.
 
 A `job.Unit` is a scenario and a block of episode numbers; `simulate`, a pure function, turns it into episodes. `plan`
 chooses the next unit, `runs.workers` compute units, `parts` stores each as a Parquet part, so that a stopped run

@@ -49,12 +49,12 @@ class Generated:
 
 
 def simulators(job: Job, batch: int, count: int) -> Workers[Unit, EpisodeBlock]:
-    """Return `count` workers on this machine that compute episodes; one of them is this process itself."""
+    """Return `count` worker processes that compute episodes; for a count of 1, this process itself."""
     return local_workers(partial(computing, job, batch), count)
 
 
 def part_writers(job: Job, batch: int, count: int, parts: Parts) -> Workers[Unit, int]:
-    """Return `count` workers on this machine that write parts of a dataset, see `storing`."""
+    """Return `count` worker processes that write parts of a dataset, see `storing`; for a count of 1, this process."""
     return local_workers(partial(storing, job, batch, parts), count)
 
 

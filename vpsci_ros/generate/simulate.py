@@ -40,7 +40,7 @@ class Simulator:
         self._reaches = [own.reach for own in self._agents.values() if own.reach is not None]
 
     def loop(self, episodes: Iterable[tuple[int, int]], scenario: int = 0) -> Loop:
-        """Return the loop over the ticks of these episodes, (scenario, number) each; `scenario`: the only one, or 0."""
+        """Return the loop over these episodes' ticks, (scenario, number) each; `scenario`: load it alone, 0: all."""
         scenarios = [own for own in self._job.scenarios if own.number == scenario] or self._job.scenarios
         world = World(self._job.world, scenarios, episodes, self._batch, self._job.seed)
         return Loop(world, self._agents)
