@@ -190,7 +190,7 @@ class LockStep:
 
     @property
     def behind(self) -> bool:
-        """Whether the learner has to catch up first."""
+        """Whether the world has to wait until the learner has read more transitions."""
         return self.unread >= REPLAY_WINDOW
 
     def pause(self, paused: bool, now: float) -> None:

@@ -99,7 +99,7 @@ def walking_pace(speed: float, acceleration: float, phase: float, time: float, m
 
 @kernel
 def sway(sine: float, cosine: float, wave: float, s: float) -> float:
-    """Return the sway [m], to the left of an agent's line, at arc length `s` [m]."""
+    """Return how far an agent sways to the left of its line [m] at arc length `s` [m]."""
     angle = 2.0 * math.pi * s / wave
     return sine * math.sin(angle) + cosine * math.cos(angle)
 

@@ -64,8 +64,8 @@ def vehicle(state, i, count, keeping, tables, settings):  # type: ignore[no-unty
 
 @kernel
 def too_near(forward: float, left: float, half_length: float, reach: float, distance: float) -> bool:
-    """Whether a pedestrian at (forward, left) [m] of the vehicle's centre is straight ahead of its front, and near.
+    """Whether a pedestrian at (forward, left) [m] of the vehicle's centre is straight ahead, `distance` [m] or nearer.
 
-    Near is within `distance` [m], straight ahead within `reach` [m] of the centre line.
+    `distance` counts from the vehicle's front; straight ahead is within `reach` [m] of the centre line.
     """
     return 0.0 < forward < half_length + distance and abs(left) < reach
