@@ -39,7 +39,7 @@ ROW_GROUP = 1 << 17
 
 
 class EpisodeTable:
-    """One scenario's episodes, written in row groups to a hidden part file: CSV if the path ends so, else Parquet.
+    """One scenario's episodes, written in row groups to a hidden part file: CSV if the path ends in .csv, else Parquet.
 
     :param row_group: rows after which a row group is written; it ends with an episode.
     :param metadata: stored in the schema of a Parquet file.

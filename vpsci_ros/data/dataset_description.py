@@ -77,7 +77,7 @@ def _beyond(records: NDArray[np.void]) -> dict[str, int] | None:
 
 
 def nearness(records: NDArray[np.void]) -> dict[str, Any]:
-    """Return quartiles of the least CurvTTC [s] of the kept episodes, without and with the early collisions.
+    """Return quartiles of the least CurvTTC [s] of kept episodes, without and with collisions that are only too short.
 
     Early collisions are rejected for nothing but ending the episode too early. Without episodes there are no quartiles.
     """

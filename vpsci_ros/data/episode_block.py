@@ -114,7 +114,7 @@ def concat_blocks(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
 
 
 class EpisodeFrames:
-    """Collector of `batch` parallel episodes.
+    """Collects the frames of `batch` parallel episodes, one tick at a time.
 
     The frames of an episode are written once, to a place of its own, and stay there until they are taken.
 

@@ -43,7 +43,7 @@ class FilterConfig:
 
 
 def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
-    """Apply the four conditions to every episode of a block with complete rows.
+    """Apply the four conditions to every episode of a block that has the rows of all its episodes.
 
     Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
     """

@@ -18,7 +18,7 @@ _ByAgent = dict[str, NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Interactions:
-    """N interactions of up to T steps of 0.1 s; entries at and past `length` are zero.
+    """N interactions of up to T steps of 0.1 s; at and past `length` entries are zero, CurvTTC infinity.
 
     length int64[N]; first, last int64[N]: first and last step with CurvTTC < 5 s; clip object[N]: "source/clip"; group
     int64[N]: one number for all interactions of one vehicle at one time.
