@@ -29,42 +29,47 @@ BEGIN, END = "<!-- written by tools/node_tables.py -->\n", "<!-- until here -->\
 INTRODUCTION = """# Nodes: topics and services
 
 `tools/node_tables.py` writes this page from the code. [Parameters](parameters.md) lists all parameters.
+
+The columns *from* and *to* have the nodes of a graph. They leave out driving systems (also `example_ads`), the
+`replayer` and your own nodes; [ads.md](ads.md) lists what a driving system reads and publishes.
 """
 
 PARAMETERS = """# Parameters
 
-`tools/node_tables.py` writes this page from the code: each parameter once, by purpose. `params/*.yaml` set most of
-them; `--set NODE.NAME=VALUE`, `vpsci node NODE --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown
-name, a wrong type, a value out of range, or a name that the stage does not read ends the command with a message. A
-dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` has the parameters
-that several nodes share. "(running)" marks a parameter that may be set while the node runs. All other values are
-constants with their sources (`constant(...)` in each room's `config.py`); only Python code can change them.
+`tools/node_tables.py` writes this page from the code: each parameter once, by purpose. Equations, tables and
+sections are those of the paper. `params/*.yaml` set most parameters; `--set NODE.NAME=VALUE`, `vpsci node NODE
+--ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown name, a wrong type, a value out of range, or a name
+that the stage does not read ends the command with a message. A dot marks a group, which a file may write as a mapping
+(`noise: {start: 0.1}`). The section `/**` of a file sets parameters of several nodes at once. "(running)" marks a
+parameter that may be set while the node runs. All other values are constants with their sources (`constant(...)` in
+each subpackage's `config.py`); only Python code can change them.
 """
 
 NOTES = """
 ## Names, time and diagnostics
 
-- **Namespaces.** With `-r __ns:=/left` all names get the prefix `/left`, as in `/left/world/state`; the world's time is
-  on `/left/clock`. The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also `-r
-  /clock:=clock`. `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the namespace as
-  prefix (`left/vehicle/base_link`). Graphs in two namespaces or two values of `ROS_DOMAIN_ID` do not disturb each
-  other.
-- **Quality of service.** The ROS parameter `qos_overrides./TOPIC.publisher.depth` changes the depth of a publisher;
-  `subscription`, `history` and `reliability` are set in the same way. `/tf` and `/markers` have a depth of 1,000
-  messages, since the recorder must get all of them; a viewer may subscribe with any depth.
+- **Namespaces.** With `-r __ns:=/left` topics and services get the prefix `/left`, as in `/left/world/state`; the
+  world's time is on `/left/clock`. A node with `use_sim_time` reads the global `/clock` in any namespace: give this
+  node `-r /clock:=clock`, too. `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the
+  namespace as prefix (`left/vehicle/base_link`). Graphs in two namespaces, or with two values of `ROS_DOMAIN_ID`, do
+  not disturb each other.
+- **Quality of service.** The ROS parameter `qos_overrides./TOPIC.publisher.depth` changes the depth of a publisher.
+  Write `subscription` for `publisher`, and `history` or `reliability` for `depth`, to change these. `/tf` and
+  `/markers` have a depth of 1,000 messages, since the recorder must get all of them; a viewer may subscribe with any
+  depth.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
-- **Diagnostics.** Every node publishes a report each second of wall time, with parameters, rates, lag, missing ticks
-  and rejected messages (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated
-  time. The level WARN of a report means that the node waits, ERROR that it rejects messages. The content of reports
-  depends on the machine. Everything else in a bag depends on the parameters alone, as long as no answer is missing and
-  no learner or external driving system takes part.
+- **Diagnostics.** Every node publishes a report on `/diagnostics` each second of wall time, with its parameters and
+  counts (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated time. The level
+  WARN of a report means that the node waits; ERROR means that the node rejected messages, or that an unexpected node
+  publishes on one of its topics. The content of reports depends on the machine. Everything else in a bag depends on
+  parameters and weights alone, as long as no answer is missing and no learner or external driving system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
-  processes, the default, use several cores and write one log each.
-- **Frames.** With `batch=1` the world also publishes odometry, transforms, `/markers` and robot descriptions while they
-  have subscribers. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
-  `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
-  (`docs/foxglove_layout.json`) show these frames.
-- **End.** `world_simulator` ends after its last episode. All other nodes wait for the next world until Ctrl-C.
+  processes, the default, use several cores, and each writes a log.
+- **Frames.** The world publishes odometry, transforms, `/markers` and robot descriptions only with `batch=1`. Frames
+  are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and `pedestrian/base_link` (x in
+  its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove (`docs/foxglove_layout.json`) show these frames.
+- **End.** `world_simulator` ends after its last episode, the `replayer` at the end of its bag, and a `learner` of stage
+  1 after its training. All other nodes then wait for the next `world_simulator` until Ctrl-C.
 - **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
   `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
 """
@@ -101,7 +106,7 @@ GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
         (GraphConfig, PeerConfig, SimulatorConfig, RecorderConfig, ReplayerConfig),
     ),
     "Learning from your own recordings": (
-        "The training data and the output folder; parameter files set all other parameters of learning.",
+        "The training data and the output folder; the last section of this page has the parameters of training.",
         (LearnerConfig,),
     ),
     "Research: how the policies learn": (

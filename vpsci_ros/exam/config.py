@@ -54,27 +54,36 @@ class ExamConfig:
     """The exam of a driving system: the system, the pedestrians and the criteria."""
 
     ads: str = parameter(
-        "example_ads", "command that starts the ADS; example_ads: the package's own; external: you start it yourself"
+        "example_ads",
+        "command that starts the driving system; example_ads: this package's example; external: you start it yourself",
     )
     ads_class: str = parameter(
-        "", "MODULE:CLASS: the ADS is this Python class instead, in its own process, without ROS"
+        "",
+        "MODULE:CLASS: the driving system is this Python class, in its own process without ROS; `ads` is not used",
     )
     pedestrians: list[str] = parameter(
         [name for name in DRIVERS if name != "recorded"],
-        f"pedestrians of the exam: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
+        f"pedestrians of the exam: {', '.join(DRIVERS)}, and agents that other installed Python packages add "
+        "(docs/extending.md)",
     )
     recorded: str = parameter(
-        "", "also test against this recorded motion: right_turns, a Parquet file, or a part (right_turns/dev)"
+        "",
+        "near misses whose pedestrians are replayed as one more pedestrian of the exam: right_turns, a Parquet file, "
+        "or a part (right_turns/dev); empty: none",
     )
     perception: bool = parameter(
         False,
-        "pedestrians are published to the ADS on /perception/objects alone, with the errors that the section "
-        "perception gives, and not on /pedestrian/odometry",
+        "true: the driving system gets pedestrians on /perception/objects, with the errors that the section perception "
+        "sets, and no odometry of pedestrians",
     )
-    baseline: bool = parameter(True, "run the same exam with the rule-based autopilot, for comparison")
-    fail_if: list[str] = parameter([], "criteria, as for --fail-if, which adds further ones")
+    baseline: bool = parameter(True, "also drive the episodes with the rule-based autopilot, for comparison")
+    fail_if: list[str] = parameter(
+        [], "criteria that fail the exam, written as for --fail-if; --fail-if adds criteria to these"
+    )
     failure: str = parameter("moving_collision", "event that makes an episode a failure", choices=FAILURES)
-    bags: bool = parameter(False, "write bags also of a system without ROS, which then drives one episode at a time")
+    bags: bool = parameter(
+        False, "also write bags of a system without ROS; the system then drives one episode at a time"
+    )
 
     def __post_init__(self) -> None:
         if not self.ads.strip():

@@ -18,12 +18,12 @@ from vpsci_ros.world.observation import AGENTS
 class LearnerConfig:
     """The learner: its stage, data, start and output folder."""
 
-    stage: str = parameter("pretrain", "stage 1 or stage 2", choices=("pretrain", "refine"))
+    stage: str = parameter("pretrain", "pretrain: stage 1; refine: stage 2", choices=("pretrain", "refine"))
     near_misses: list[str] = parameter(
-        [], "real near misses: right_turns, Parquet files, or parts (right_turns/dev); empty: right_turns/train"
+        [], "recorded near misses: right_turns, Parquet files, or parts (right_turns/dev); empty: right_turns/train"
     )
-    output: str = parameter("out/learner", "folder for weights, log and checkpoints")
-    seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)
+    output: str = parameter("out/learner", "folder of weights, log and checkpoints")
+    seed: int = parameter(1, "seed of the initial weights and of sampling", low=0, high=2**63 - 1)
     weights: str = parameter(
         "", "weights from which stage 2 starts: a safetensors file, or the name of shipped weights"
     )
@@ -82,7 +82,7 @@ class SpeedRewardsConfig:
     )
     exploration: float = parameter(
         0.5,
-        "standard deviation of the scored actions around the actor's; not in the paper",
+        "standard deviation of the rewarded actions around the actor's action; not in the paper",
         unit="m/s2",
         low=0.0,
         high=5.0,
@@ -102,8 +102,8 @@ class PretrainConfig:
     )
     held_out_clips: list[str] = parameter(
         [],
-        "clips held out of training instead of the share, as source/clip or a prefix of it, such as cqut-pvi/dev/; a "
-        "prefix without a clip is refused",
+        "clips held out of training instead of held_out_fraction: names source/clip, or their beginnings such as "
+        "cqut-pvi/dev/; a beginning without a clip is refused",
     )
     evaluate_every: int = constant(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = constant(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
@@ -141,11 +141,13 @@ class RefineConfig:
     held_out_fraction: float = constant(
         0.2, "share of near misses, by whole clips, for the held-out error; take that of stage 1", low=0.0, high=0.9
     )
-    refresh_every: int = parameter(100, "updates between two refreshes of the policies", low=1, high=1_000_000)
+    refresh_every: int = parameter(
+        100, "updates after which the acting policies get new weights", low=1, high=1_000_000
+    )
     updates_per_episode: int = parameter(
         2,
-        "updates for every episode in which the policies acted, with about seven histories each; Algorithm 1 has one, "
-        "perhaps with 256 histories",
+        "updates for each episode in which the policies acted; an update uses about seven histories. Algorithm 1 has "
+        "one update, perhaps with 256 histories",
         low=1,
         high=64,
     )

@@ -28,10 +28,10 @@ EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `vpsci node`
 class GraphConfig:
     """The nodes of a graph, and how they run together."""
 
-    nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes that make up the graph", choices=NODES)
+    nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes to run", choices=NODES)
     progress_timeout: float = parameter(
         60.0,
-        "time without progress after which the run stops with an error; starting and waiting for a core do not count",
+        "wall time without progress after which the run fails; starting and waiting for a core do not count",
         unit="s",
         low=1.0,
         high=86400.0,
@@ -39,7 +39,7 @@ class GraphConfig:
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
     composed: bool = parameter(
         False,
-        "all nodes in one process, for few cores; if one node fails, all stop",
+        "true: all nodes run in one process, which suits few cores; if one node fails, all stop",
     )
 
     def __post_init__(self) -> None:
@@ -52,7 +52,7 @@ class GraphConfig:
 class RecorderConfig:
     """The bag of the recorder, and its files."""
 
-    bag: str = parameter("out/bag", "folder of the bag; must not exist or be empty")
+    bag: str = parameter("out/bag", "folder of the bag, new or empty")
     split_size: int = parameter(
         2**30, "begin a new file at this size; 0: one file of any size", unit="B", low=0, high=10**12
     )
@@ -64,11 +64,15 @@ class ReplayerConfig:
 
     bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder (MCAP), or one of its files")
     rate: float = parameter(
-        1.0, "recorded over wall time; 0: as fast as subscribers read", low=0.0, high=1000.0, read_only=False
+        1.0,
+        "ratio of recorded time to wall time; 0: as fast as subscribers read",
+        low=0.0,
+        high=1000.0,
+        read_only=False,
     )
-    first_episode: str = parameter("", "episode to begin with, NUMBER or SCENARIO:NUMBER; empty: the first one")
+    first_episode: str = parameter("", "episode to begin with, NUMBER or SCENARIO:NUMBER; empty: the bag's first")
     topics: list[str] = parameter([], "topics to publish; empty: all topics of the bag")
-    paused: bool = parameter(False, "begin paused; the services step or resume it")
+    paused: bool = parameter(False, "begin paused; /replayer/pause resumes, /replayer/step steps")
 
 
 SECTIONS: dict[str, tuple[type, ...]] = {

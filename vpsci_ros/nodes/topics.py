@@ -122,14 +122,17 @@ SERVICES = {
             "/world/reset",
             Trigger,
             "world_simulator",
-            "begins the run's episodes again from the first one; ticks and simulated time continue",
+            "begins again with the run's first episode; tick numbers and simulated time continue",
         ),
-        Service("/world/pause", SetBool, "world_simulator", "true: pauses at the present tick; false: resumes"),
+        Service("/world/pause", SetBool, "world_simulator", "data true: pauses at the present tick; false: resumes"),
         Service(
-            "/world/step", Trigger, "world_simulator", "while paused, simulates one tick as soon as it is answered"
+            "/world/step",
+            Trigger,
+            "world_simulator",
+            "while paused, goes on to the next tick as soon as the present tick has its answers",
         ),
-        Service("/replayer/pause", SetBool, "replayer", "true: pauses at the present time; false: resumes"),
-        Service("/replayer/step", Trigger, "replayer", "while paused, publishes all messages of the next time"),
+        Service("/replayer/pause", SetBool, "replayer", "data true: pauses at the present time; false: resumes"),
+        Service("/replayer/step", Trigger, "replayer", "while paused, publishes all messages with the next log time"),
     )
 }
 

@@ -20,11 +20,11 @@ class NetworkConfig:
 
     encoder: str = parameter(
         SST,
-        "layers of the networks: sst, the paper's state-space Transformer, or a name of `vpsci study models`, such as "
-        "transformer, lstm, feedforward",
+        "type of the networks' layers: sst, the paper's state-space Transformer, or another name that `vpsci study "
+        "models` knows, such as transformer, lstm, feedforward",
     )
-    hidden: int = parameter(256, "width of the SST state", low=8, high=1024)
-    layers: int = parameter(2, "SST layers", low=1, high=8)
+    hidden: int = parameter(256, "width of the layers of `encoder`", low=8, high=1024)
+    layers: int = parameter(2, "number of layers of `encoder`", low=1, high=8)
     heads: int = constant(8, "attention heads", low=1, high=64)
     attention_window: int = constant(10, "steps that attention looks back over, this one included", low=1, high=64)
     risk_input: bool = parameter(
@@ -43,7 +43,9 @@ class NetworkConfig:
 class NoiseConfig:
     """The exploration noise N(t) = N_0 exp(-beta t) + N_min (16)."""
 
-    start: float = parameter(0.2, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
+    start: float = parameter(
+        0.2, "initial amplitude N_0 of the noise (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False
+    )
     floor: float = constant(0.01, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
 
 
@@ -51,14 +53,16 @@ class NoiseConfig:
 class PolicyConfig:
     """The policy of one agent: its weights or bank, and its exploration."""
 
-    agent: str = parameter(LEARNED, "learned: acts by the weights; or the name of an added agent (docs/extending.md)")
+    agent: str = parameter(LEARNED, "learned: acts by `weights`; or the name of an added agent (docs/extending.md)")
     weights: str = parameter(
-        "", "bank or weights: a safetensors file, or people, ma_sst_ddpg; empty: wait for /policy/weights"
+        "",
+        "bank or network weights: a safetensors file, or a shipped name (people, ma_sst_ddpg); empty: wait for weights "
+        "on /policy/weights",
     )
     explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
     seed: int = parameter(1, "seed of the exploration noise and of the choice of reactions", low=0, high=2**63 - 1)
     people: str = parameter(
         "",
-        "source of a bank whose reactions are replayed, such as cqut; empty: the first",
+        "source in the bank whose reactions are replayed, such as cqut; empty: the bank's first source",
     )
     noise: NoiseConfig = NoiseConfig()

@@ -12,33 +12,41 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PeerConfig:
-    """The peers that a node waits for before it publishes; every node has this parameter."""
+    """The nodes that a node waits for before it publishes; every node has this parameter."""
 
-    peers: list[str] = parameter([], "nodes of this graph; empty: only those that this node needs")
+    peers: list[str] = parameter([], "names of the nodes to wait for; empty: only those whose messages this node needs")
 
 
 @dataclass(frozen=True)
 class RunConfig:
     """The episodes that a run simulates, and how many in parallel."""
 
-    seed: int = parameter(1, "seed of every random draw of the run", low=0, high=2**63 - 1)
+    seed: int = parameter(
+        1,
+        "seed of the draws that make an episode: spawn, number and kinds of pedestrians; policies and learner have a "
+        "`seed` of their own",
+        low=0,
+        high=2**63 - 1,
+    )
     scenarios: list[int] = parameter(
         [1, 2, 3, 4, 5, 6, 7, 8],
-        "scenarios to run: 1 to 8 (Table 6), 101 to 104 (docs/world.md), and those of scenario_files",
+        "numbers of the scenarios to run: 1 to 8 (Table 6), 101 to 104 (docs/world.md), and those of scenario_files",
         low=1,
         high=255,
     )
-    scenario_files: list[str] = parameter([], "YAML files of scenarios of your own, with numbers from 9 to 255")
+    scenario_files: list[str] = parameter([], "YAML files of your own scenarios (docs/extending.md)")
     episodes: int = parameter(8, "episodes to simulate in each scenario", low=1, high=4_000_000_000)
     first_episode: int = parameter(0, "number of the first episode of each scenario", low=0, high=4_000_000_000)
     only: list[int] = parameter(
         [],
-        "simulate these episodes alone: scenario and number of each, [1, 17, 8, 40] for 17 of scenario 1 and 40 of 8; "
-        "empty: those of first_episode and episodes",
+        "simulate only these episodes, scenario and number of each: [1, 17, 8, 40] are episode 17 of scenario 1 and "
+        "episode 40 of scenario 8; empty: the episodes given by first_episode and episodes",
         low=0,
         high=2**32 - 1,
     )
-    batch: int = parameter(16, "episodes simulated in parallel; one message has all of them", low=1, high=65536)
+    batch: int = parameter(
+        16, "number of episodes simulated in parallel; each message has all of them", low=1, high=65536
+    )
 
     def __post_init__(self) -> None:
         if not self.scenarios or len(set(self.scenarios)) < len(self.scenarios):

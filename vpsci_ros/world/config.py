@@ -18,10 +18,14 @@ class WorldConfig:
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(
-        0.1, "period of the policies; their last actions hold between", unit="s", low=0.005, high=2.0
+        0.1, "time from one action of a policy to the next; the action holds in between", unit="s", low=0.005, high=2.0
     )
     episode_time: float = parameter(
-        30.0, "an episode ends after this time; the paper has 10 s", unit="s", low=0.1, high=3276.0
+        30.0,
+        "simulated time after which an episode ends as a timeout; the paper has 10 s",
+        unit="s",
+        low=0.1,
+        high=3276.0,
     )
     release_time: float = parameter(
         3.0, "time from the last critical tick to the hand-back", unit="s", low=0.0, high=60.0
@@ -34,15 +38,19 @@ class WorldConfig:
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(
-        "policy", "policy: the autopilot until CurvTTC is critical, then the policy", choices=VEHICLE_DRIVERS
+        "policy",
+        "driver of the vehicle (docs/world.md); policy: the autopilot until CurvTTC is critical, then the policy",
+        choices=VEHICLE_DRIVERS,
     )
     pedestrian_driver: str = parameter(
-        "policy", "policy: the walker until CurvTTC is critical, then the policy", choices=PEDESTRIAN_DRIVERS
+        "policy",
+        "driver of the pedestrian (docs/world.md); policy: the walker until CurvTTC is critical, then the policy",
+        choices=PEDESTRIAN_DRIVERS,
     )
     pedestrian_gain: float = parameter(
         1.0,
-        "share of the policy's acceleration that the pedestrian executes; (21)-(24) have 0.5, which an external "
-        "pedestrian always has",
+        "share of the policy's acceleration that the pedestrian executes; equations (21)-(24) have 0.5; an external "
+        "pedestrian always executes 0.5",
         low=0.0,
         high=1.0,
     )
@@ -54,10 +62,12 @@ class WorldConfig:
     )
     lane_following: bool = parameter(
         True,
-        "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) "
-        "before (18), since neither (6) nor odometry contains the route; false: (18) alone",
+        "true: the lateral acceleration that keeps the lane is added to that of the policy, or of /vehicle/cmd_accel, "
+        "before equation (18) turns the sum into steering; false: nothing is added",
     )
-    pedestrians: int = parameter(1, "most pedestrians of an episode; each has its own row of arrays", low=1, high=MOST)
+    pedestrians: int = parameter(
+        1, "largest number of pedestrians in an episode; each has its own row in the arrays", low=1, high=MOST
+    )
     crowd: CrowdConfig = field(default_factory=CrowdConfig)
     kinds: KindMixture = field(default_factory=KindMixture)
 
@@ -98,26 +108,26 @@ class WorldConfig:
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """The node `world_simulator`: its engine and pace, who drives from outside, and what it publishes."""
+    """The node `world_simulator`: its engine, its pace, commands from outside, and what it publishes."""
 
     engine: str = parameter(
         "vpsci", "vpsci: this package's kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
     )
     action_timeout: float = parameter(
         2.0,
-        "time without an answer after which the rule-based driver acts for the tick",
+        "wall time to wait for an answer; without the answer the rule-based driver acts in this tick",
         unit="s",
         low=0.01,
         high=3600.0,
         read_only=False,
     )
     real_time_factor: float = parameter(
-        0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
+        0.0, "ratio of simulated time to wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
     )
     external_mode: str = parameter(
         "lock_step",
         "lock_step: wait for a command at every tick, at most action_timeout; real_time: advance at real_time_factor "
-        "(1 if that is 0) and hold the last command",
+        "(at 1 if real_time_factor is 0) and hold the last command",
         choices=("lock_step", "real_time"),
     )
     interventions: list[float] = parameter(
@@ -126,5 +136,7 @@ class SimulatorConfig:
         "additional braking [m/s2], speed held until the system brakes with 3 m/s2 [m/s], number of forced "
         "accelerations, and these accelerations from the frame on [m/s2]",
     )
-    recorded_bag: str = parameter("", "bag that the replay drivers follow, with the same scenarios and episode numbers")
-    publish_transitions: bool = parameter(False, "publish /replay for a learner")
+    recorded_bag: str = parameter(
+        "", "bag whose motion the driver replay follows; it needs the run's scenarios and episode numbers"
+    )
+    publish_transitions: bool = parameter(False, "publish the steps under the policies on /replay, for a learner")

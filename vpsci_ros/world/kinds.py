@@ -34,10 +34,10 @@ _WITHIN = 2.0  # standard deviations
 class KindMixture:
     """Relative frequencies of the kinds of pedestrians."""
 
-    adult: float = parameter(1.0, "relative frequency of adults, as recorded", low=0.0, high=1e6)
+    adult: float = parameter(1.0, "relative frequency of adults, who walk as recorded", low=0.0, high=1e6)
     older: float = parameter(0.0, "relative frequency of pedestrians above 65 years", low=0.0, high=1e6)
-    child: float = parameter(0.0, "relative frequency of children: they wait, then dart out", low=0.0, high=1e6)
-    distracted: float = parameter(0.0, "relative frequency of adults that look late or never", low=0.0, high=1e6)
+    child: float = parameter(0.0, "relative frequency of children, who wait at the kerb, then run", low=0.0, high=1e6)
+    distracted: float = parameter(0.0, "relative frequency of adults who react late or never", low=0.0, high=1e6)
     wheelchair: float = parameter(0.0, "relative frequency of wheelchair users", low=0.0, high=1e6)
     stroller: float = parameter(0.0, "relative frequency of adults with a stroller", low=0.0, high=1e6)
 

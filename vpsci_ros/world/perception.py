@@ -59,22 +59,26 @@ class PerceptionConfig:
 
     seed: int = constant(1, "seed of the errors", low=0, high=2**63 - 1)
     field_of_view: float = parameter(
-        360.0, "whole angle of view, centred straight ahead", unit="degrees", low=1.0, high=360.0
+        360.0, "total angle of view, centred straight ahead", unit="degrees", low=1.0, high=360.0
     )
     reach: float = parameter(0.0, "range of the sensor; 0: unlimited", unit="m", low=0.0, high=1000.0)
     least_visible: float = parameter(
-        0.0, "least visible share with which a pedestrian behind parked vehicles is detected; 0: any",
+        0.0, "visible share below which a pedestrian behind parked vehicles is not detected; 0: they hide nobody",
         low=0.0, high=1.0,
     )  # fmt: skip
-    position_noise: float = parameter(0.0, "standard deviation of x and of y", unit="m", low=0.0, high=10.0)
-    velocity_noise: float = parameter(0.0, "standard deviation of vx and of vy", unit="m/s", low=0.0, high=10.0)
+    position_noise: float = parameter(
+        0.0, "standard deviation of the error of x, and of y", unit="m", low=0.0, high=10.0
+    )
+    velocity_noise: float = parameter(
+        0.0, "standard deviation of the error of vx, and of vy", unit="m/s", low=0.0, high=10.0
+    )
     noise_time: float = constant(1.0, "correlation time of the noise; 0: none", unit="s", low=0.0, high=60.0)
-    missed: float = parameter(0.0, "share of frames that miss a visible pedestrian", low=0.0, high=1.0)
+    missed: float = parameter(0.0, "share of frames in which a visible pedestrian is not detected", low=0.0, high=1.0)
     latency: float = parameter(
-        0.0, "delay of published objects, in whole ticks; the stamp is the time of detection",
+        0.0, "delay of published objects, rounded to whole ticks; the stamp is the time of detection",
         unit="s", low=0.0, high=2.0,
     )  # fmt: skip
-    lost_rate: float = parameter(0.0, "rate of losing a track", unit="1/s", low=0.0, high=10.0)
+    lost_rate: float = parameter(0.0, "rate at which the track of a pedestrian is lost", unit="1/s", low=0.0, high=10.0)
     lost_time: float = constant(0.5, "time until a lost pedestrian is found again", unit="s", low=0.05, high=60.0)
 
     def delay(self, period: float) -> int:
