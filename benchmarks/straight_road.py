@@ -2,6 +2,7 @@
 
     python benchmarks/straight_road.py [--episodes 200] [--speeds 2 5 8] [--leads -1 0 1]
     python benchmarks/straight_road.py --engines sumo highway [--episodes 100]
+    python benchmarks/straight_road.py --engines commonroad --scenarios FOLDER
 
 A pedestrian crosses the road at 1.3 m/s from 5 m before its middle; a car comes along the middle at constant speed, so
 that both would be at the crossing point at the same time (lead 0 s), or the car so much later (negative: earlier). The
@@ -10,7 +11,9 @@ clearance, whether the pedestrian was past the middle when the car came, and whi
 the recorded onsets. Wilson's 95% intervals, an episode a unit.
 
 With `--engines`, only the last of these, in the examples of other engines: `examples/sumo_crossing.py` (extra sumo),
-where SUMO's car gives way, and `examples/highway_crossing.py` (extra highway).
+where SUMO's car gives way, `examples/highway_crossing.py` (extra highway), and `examples/commonroad_crossing.py`
+(`make setup` puts its packages into .venv/commonroad) in each scenario of a folder that `vpsci export --to commonroad`
+wrote.
 """
 
 import argparse
@@ -25,6 +28,7 @@ import numpy as np
 from vpsci_ros import Pedestrian, Vehicle, Walker
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.runs.progress import Bars
 from vpsci_ros.safety import clearance
 
 TICK, PACE, BEFORE, SECONDS = 0.05, 1.3, 5.0, 9.0  # [s], [m/s], [m] before the middle, [s]
@@ -61,8 +65,11 @@ def crossed(pedestrian: Pedestrian | None, speed: float, lead: float) -> Crossin
     return Crossing(near, first, None if pedestrian is None else pedestrian.person.beyond)
 
 
-def handed_over(engine: str, count: int) -> list[bool]:
-    """Return for each hand-over in episodes of an engine's example whether it lay beyond the range."""
+def handed_over(engine: str, count: int, scenarios: list[Path]) -> list[bool]:
+    """Return for each hand-over in episodes of an engine's example whether it lay beyond the range.
+
+    :param count: of episodes in SUMO and highway-env; CommonRoad has one in each of `scenarios`.
+    """
     example = _example(f"{engine}_crossing")
     made: list[Pedestrian] = []
 
@@ -80,6 +87,11 @@ def handed_over(engine: str, count: int) -> list[bool]:
             for episode in range(count):
                 example.play(net, episode, "our")
             example.traci.close()
+        elif engine == "commonroad":
+            with Bars() as bars:
+                for done, path in enumerate(scenarios):
+                    bars.bar("scenarios", done, len(scenarios))
+                    example.play(str(path), reacts=True)
         else:
             for episode in range(count):
                 example.play(episode)
@@ -108,11 +120,18 @@ def main() -> None:
     parser.add_argument("--speeds", type=float, nargs="+", default=[2.0, 5.0, 8.0], help="[m/s]")
     parser.add_argument("--leads", type=float, nargs="+", default=[-1.0, 0.0, 1.0], help="[s]")
     parser.add_argument("--weights", default="people")
-    parser.add_argument("--engines", nargs="+", choices=("sumo", "highway"), help="examples of engines instead")
+    parser.add_argument(
+        "--engines", nargs="+", choices=("sumo", "highway", "commonroad"), help="their examples instead"
+    )
+    parser.add_argument("--scenarios", type=Path, metavar="FOLDER", help="of CommonRoad's .xml files")
     given = parser.parse_args()
+    scenarios = sorted(given.scenarios.glob("*.xml")) if given.scenarios else []
+    if "commonroad" in (given.engines or ()) and not scenarios:
+        parser.error(f"--scenarios {given.scenarios}: expected a folder with .xml files for --engines commonroad")
     for engine in given.engines or ():
-        held = handed_over(engine, given.episodes)
-        print(f"{engine}: {_share(held)} hand-overs of {given.episodes} episodes beyond the range", flush=True)
+        held = handed_over(engine, given.episodes, scenarios)
+        count = len(scenarios) if engine == "commonroad" else given.episodes
+        print(f"{engine}: {_share(held)} hand-overs of {count} episodes beyond the range", flush=True)
     if given.engines:
         return
     weights, way = load_policy(given.weights), [(0.0, -8.0), (0.0, 8.0)]
