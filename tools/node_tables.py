@@ -41,8 +41,8 @@ sections are those of the paper. `params/*.yaml` set most parameters; `--set NOD
 --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown name, a wrong type, a value out of range, or a name
 that the stage does not read ends the command with a message. A dot marks a group, which a file may write as a mapping
 (`noise: {start: 0.1}`). The section `/**` of a file sets parameters of several nodes at once. "(running)" marks a
-parameter that may be set while the node runs. All other values are constants with their sources (`constant(...)` in
-each subpackage's `config.py`); only Python code can change them.
+parameter that may be set while the node runs. All other values are constants in the code
+(`constant(...)` in a configuration class, or a name in capitals in a module); only Python code can change them.
 """
 
 NOTES = """

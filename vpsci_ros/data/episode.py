@@ -107,7 +107,7 @@ class Episode:
 
     @property
     def group(self) -> str:
-        """The episode's group, see `Listed`."""
+        """Name of the episode's scenario, or "source/clip" of a recording; see `Listed`."""
         return self.listed.group
 
     @property

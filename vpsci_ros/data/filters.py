@@ -43,9 +43,9 @@ class FilterConfig:
 
 
 def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
-    """Apply the four conditions to every episode of a block that has the rows of all its episodes.
+    """Return the block with each episode's reason, failed conditions, lengths and least CurvTTC; all rows stay.
 
-    Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
+    Every episode of the block must have its rows. Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
     """
     records, several = block.records.copy(), block.records["pedestrians"]
     frames, first = np.repeat(records["frames"], several), np.cumsum(several) - several

@@ -141,7 +141,11 @@ def recorded_situations(motion: Floats) -> Floats:
 
 
 def actions_of(motion: Floats) -> Floats:
-    """Return the actions of both agents, float64[T - 1, 4], of a motion at each step but the last; see `ACTIONS`."""
+    """Return both agents' actions at each step of a motion but the last, float64[T - 1, 4].
+
+    The vehicle's acceleration [m/s2] and curvature [1/m], the pedestrian's accelerations [m/s2] along the vehicle's
+    heading and to its left.
+    """
     heading, velocities = motion[:-1, 2], (motion[:, 3:5], motion[:, 7:9])
     changes = [arrays_to_heading_frame(heading, np.diff(velocity, axis=0)) for velocity in velocities]
     done = (np.concatenate(changes, axis=1) / STEP).astype(np.float32).astype(np.float64)  # as a training reads them
