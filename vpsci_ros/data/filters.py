@@ -45,7 +45,8 @@ class FilterConfig:
 def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
     """Return the block with each episode's reason, failed conditions, lengths and least CurvTTC; all rows stay.
 
-    Every episode of the block must have its rows. Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
+    Every episode of the block must have its rows. Of the pairs of an episode that one decides which is kept, or, where
+    none or several are, has the least CurvTTC.
     """
     records, several = block.records.copy(), block.records["pedestrians"]
     frames, first = np.repeat(records["frames"], several), np.cumsum(several) - several

@@ -69,9 +69,10 @@ class Interactions:
         return np.arange(self.motion.shape[1]) < self.length[:, None] - 1
 
     def samples(self) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
-        """Return each agent's observations, float32[n, 6], and next velocities [m/s], float32[m, 2], of all interactions.
+        """Return each agent's observations, float32[n, 6], and next velocities [m/s], float32[m, 2], of all steps.
 
-        The last step of an interaction has no next velocity, so m is less than n. Of these the networks take their normalisation and their reward statistics (`Networks.set_statistics`).
+        The last step of an interaction has no next velocity, so m is less than n. Of these the networks take their
+        normalisation and their reward statistics (`Networks.set_statistics`).
         """
         seen = {agent: self.observation[agent][self.present] for agent in AGENTS}
         return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
