@@ -34,9 +34,6 @@ from vpsci_ros.runs.provenance import software_versions
 
 PARAMS = Path(__file__).parents[1] / "params"
 SEEDED = ("learner", "world_simulator", "vehicle_policy", "pedestrian_policy")
-PAPER_RULES = tuple(
-    f"world_simulator.{rule}" for rule in ("release_time=0.5", "pedestrian_gain=0.5", "lane_following=false")
-)
 EPISODES = 150  # of each scenario
 RATES = ("validation_collision_rate", "validation_goal_rate", "held_out_closed_loop_ade")
 LAST = 2  # measurements in the validation world that are averaged
@@ -81,13 +78,11 @@ ARMS = {
     "base": Arm(),
     **{f"updates_{n}": _learner(updates_per_episode=n, refresh_every=50 * n) for n in (1, 3, 6)},
     "one_critic": _updates(critics=1),
-    **{f"trace_{trace:g}": _updates(trace=trace) for trace in (0.0, 0.5, 1.0)},
     "no_target_noise": _updates(target_noise=0.0),
     **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.3, 1.0, 10.0)},
     **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 25.0)},
     "lambda_1e-4": _rewards(weight_temperature=1e-4),
-    "paper_spawn": Arm(settings=("world_simulator.spawn=paper", *PAPER_RULES)),
-    "paper_rules": Arm(settings=PAPER_RULES),  # in the episodes from recorded onsets, too
+    "paper_spawn": Arm(settings=("world_simulator.spawn=paper",)),
     "ten_seconds": Arm(settings=("world_simulator.episode_time=10",)),
     "noise_0.3": Arm(settings=("vehicle_policy.noise.start=0.06", "pedestrian_policy.noise.start=0.06")),
     "undivided_by_value": Arm(patch=lambda: mock.patch.object(maddpg, "LEAST_VALUE", 1.0)),

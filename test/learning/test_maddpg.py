@@ -158,23 +158,6 @@ def test_values_reach_over_a_hand_back_to_the_next_hand_over_discounted_by_the_t
     assert not batch.present[0, 2:4].any()
 
 
-def test_the_lambda_return_mixes_each_value_with_the_target_of_its_step(networks):
-    """The policies act at steps 0, 1 and 3; the episode ends after step 3, with reward 4."""
-    made, history = networks(gain=20.0), made_up(4, terminal=True, seed=3)
-    history.acting[:] = [True, True, False, True]
-    batch = collate([history])
-    scored = Scored(batch.action, {a: UNIT * torch.tensor([[1.0, 2.0, 8.0, 4.0]]) for a in AGENTS}, batch)
-    learners = (Maddpg(made, UpdatesConfig(discount=0.5, trace=trace)) for trace in (0.0, 0.6, 1.0))
-    at_once, mixed, whole = (learner.targets(scored, NO_NOISE)["vehicle"][0] for learner in learners)
-    value = [(at_once[0] - 1.0) / 0.5, (at_once[1] - 2.0 - 0.5 * 8.0) / 0.25]  # at steps 1 and 3
-    last = 4.0
-    second = 2.0 + 0.5 * 8.0 + 0.25 * (0.4 * value[1] + 0.6 * last)
-    torch.testing.assert_close(
-        mixed[[0, 1, 3]], torch.stack([1.0 + 0.5 * (0.4 * value[0] + 0.6 * second), second, torch.tensor(last)])
-    )
-    torch.testing.assert_close(whole[0], torch.tensor(1.0 + 0.5 * (2.0 + 0.5 * (8.0 + 0.5 * 4.0))))
-
-
 @pytest.mark.parametrize("acting", [5, 3, 1])
 def test_steps_after_the_policies_last_one_need_not_be_encoded_for_the_same_targets(networks, acting):
     """A collision while the rule-based pair drives, two steps before the end of an episode that has timed out."""

@@ -42,7 +42,10 @@ STAGE_2 = (
 WORLD = {
     "tick": 0.05,
     "episode_time": 20.0,  # section 3.2: 10 s; docs/paper.md says why
-    "spawn": "mixed",  # section 3.2 in every other episode, with its rules (test_mixed_spawn.py)
+    "spawn": "mixed",  # section 3.2's in every other episode
+    "release_time": 0.5,  # ours
+    "lane_following": False,
+    "pedestrian_gain": 0.5,
 }
 
 

@@ -62,9 +62,6 @@ class UpdatesConfig:
     target_noise: float = constant(
         0.0, "standard deviation of the noise on target actions, cut off at twice that", unit="m/s2", low=0.0, high=5.0
     )
-    trace: float = constant(
-        0.0, "lambda of the critics' lambda-return; 0: the target is the next step's value", low=0.0, high=1.0
-    )
 
 
 @dataclass(frozen=True)
@@ -159,7 +156,7 @@ class RefineConfig:
         high=100.0,
     )
     replay: ReplayConfig = ReplayConfig()
-    updates: UpdatesConfig = UpdatesConfig(critics=2, target_noise=0.5, trace=0.8)
+    updates: UpdatesConfig = UpdatesConfig(critics=2, target_noise=0.5)
     rewards: RewardsConfig = RewardsConfig()
 
 

@@ -2,8 +2,6 @@
 
 Stage 2 adds to it:
 
-- the lambda-return of the critics, without a correction for actions that the actors have given up, from 'Incremental
-  multi-step Q-learning' by Peng and Williams 1996 (https://doi.org/10.1007/BF00114731);
 - two critics an agent, of whose targets the lesser counts, and noise on the target actions, from 'Addressing function
   approximation error in actor-critic methods' by Fujimoto et al. 2018 (TD3, https://arxiv.org/abs/1802.09477);
 - imitation of recorded steps beside a policy gradient that is divided by the mean |Q|, from 'A minimalist approach to
@@ -156,15 +154,12 @@ class Maddpg:
     def targets(self, scored: Scored, rng: np.random.Generator) -> Tensors:
         """Return y(t) = R(t) + gamma min Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1))), the least of all critics.
 
-        With `trace` lambda the value at t + 1 is mixed with the target there, y(t) = R(t) + gamma ((1 - lambda) min Q'
-        + lambda y(t + 1)), so that a collision teaches all steps of its history at once, not one more step an update.
-
         Target actions get normal noise of `target_noise`, cut off at twice that.
 
         Where the rule-based pair drives at t + 1, the return goes on, reward by reward, to the next step at which the
         policies act, and is discounted by the time until then; without such a step it ends with the episode.
         """
-        networks, batch, following, trace = self.networks, scored.batch, {}, self.config.trace
+        networks, batch, following = self.networks, scored.batch, {}
         before = {a: torch.cat([torch.zeros_like(x[:, :1]), x], dim=1) for a, x in batch.action.items()}
         for agent in AGENTS:
             actor = networks.target_actor[agent]
@@ -186,8 +181,7 @@ class Maddpg:
             for step in range(reward.shape[1] - 1, -1, -1):
                 after = torch.where(batch.length == step + 1, last, after)
                 found[:, step] = reward[:, step] + self.config.discount * after
-                mixed = (1.0 - trace) * value[:, step] + trace * found[:, step]
-                after = torch.where(batch.present[:, step], mixed, found[:, step])
+                after = torch.where(batch.present[:, step], value[:, step], found[:, step])
             targets[agent] = found
         return targets
 

@@ -33,8 +33,8 @@ class WorldConfig:
     spawn: str = parameter(
         "right_turns",
         "initial motion of both agents; right_turns: of recorded right turns; human: of recordings on a campus; "
-        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: in even episodes paper with "
-        "release_time 0.5 s, pedestrian_gain 0.5 and no lane_following, in odd ones right_turns with the values here",
+        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: paper in even episodes, "
+        "right_turns in odd ones",
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(

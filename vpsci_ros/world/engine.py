@@ -12,7 +12,6 @@ from vpsci_ros.world.drivers.social_force import keep_apart
 from vpsci_ros.world.handover import update
 from vpsci_ros.world.motion import move_pedestrian, move_vehicle
 from vpsci_ros.world.paths import project
-from vpsci_ros.world.spawns import rules
 from vpsci_ros.world.state import (
     COLLISION,
     ENDED,
@@ -40,8 +39,7 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
     else:
         events |= 1 << SAFETY_MISSING
     acts = answers.acts[i]
-    release_ticks, _, _ = rules(episode, settings)
-    kind = update(episode, critical, answers.policy_frame[i], acts, release_ticks)
+    kind = update(episode, critical, answers.policy_frame[i], acts, settings.release_ticks)
     if kind:
         events |= 1 << kind
     if acts:

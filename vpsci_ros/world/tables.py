@@ -55,9 +55,6 @@ class Tables(NamedTuple):
     parked: NDArray[np.float64]  # [R, K, 5] parked vehicles, as `Scenario.parked`; padding far away
 
 
-PAPER_RELEASE = 0.5  # [s] "overridden upon activation": the hand-back of section 3.2
-
-
 class Settings(NamedTuple):
     """`WorldConfig` for compiled code."""
 
@@ -65,7 +62,6 @@ class Settings(NamedTuple):
     policy_ticks: int  # from one action of the policies to the next
     episode_ticks: int  # of the longest episode
     release_ticks: int  # without danger, after which control is given back
-    paper_release_ticks: int  # likewise, in section 3.2
     vehicle_driver: int  # index in VEHICLE_DRIVERS
     pedestrian_driver: int  # index in PEDESTRIAN_DRIVERS
     pedestrian_gain: float  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
@@ -103,7 +99,6 @@ def settings_from(config: WorldConfig) -> Settings:
         policy_ticks=config.policy_ticks,
         episode_ticks=config.episode_ticks,
         release_ticks=config.release_ticks,
-        paper_release_ticks=round(PAPER_RELEASE / config.tick),
         vehicle_driver=VEHICLE_DRIVERS.index(config.vehicle_driver),
         pedestrian_driver=PEDESTRIAN_DRIVERS.index(config.pedestrian_driver),
         pedestrian_gain=config.pedestrian_gain,

@@ -4,15 +4,14 @@ from vpsci_ros.world import kinematics
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.observation import from_heading_frame
 from vpsci_ros.world.people import limited
-from vpsci_ros.world.spawns import as_recorded, rules
+from vpsci_ros.world.spawns import as_recorded
 
 
 @inlined
 def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
     """Return (steer, throttle, brake) of the vehicle's policy; `keeping` [1/m] is the curvature that keeps the lane."""
     speed, along, left = episode.vehicle_speed, episode.vehicle_long, episode.vehicle_lat
-    _, lane_following, _ = rules(episode, settings)
-    if lane_following:
+    if settings.lane_following:
         left += keeping * speed * speed
     if as_recorded(settings.spawn, episode):
         along = limited(along, episode.vehicle_acceleration, settings.period)
@@ -24,5 +23,4 @@ def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
 def pedestrian(episode, settings):  # type: ignore[no-untyped-def]
     """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy."""
     ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
-    _, _, gain = rules(episode, settings)
-    return gain * ax, gain * ay
+    return settings.pedestrian_gain * ax, settings.pedestrian_gain * ay

@@ -1,7 +1,6 @@
 """The spawns: where vehicle and pedestrians are as an episode begins, a file for each name in `SPAWNS`.
 
-`mixed` has no file: in even episodes of a scenario it is the paper's, with the rules of section 3.2 for hand-back and
-motion; in odd ones that of right turns, with those of the configuration. So a policy learns in both.
+`mixed` has no file: it is the paper's in even episodes of a scenario and that of right turns in odd ones.
 
 A spawn has three functions of EPISODE records. `begin` draws the vehicle and the first pedestrian and returns the time
 [s] that the car needs to the crossing; `join` draws a further pedestrian, by that time; `put` puts a pedestrian at an
@@ -12,7 +11,6 @@ from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.config import SPAWNS
 from vpsci_ros.world.spawns import human, paper, right_turns
 
-PAPER_GAIN = 0.5  # share of the pedestrian's acceleration that becomes motion in (21)-(24)
 RIGHT_TURNS, HUMAN, PAPER, MIXED = (SPAWNS.index(name) for name in ("right_turns", "human", "paper", "mixed"))
 
 
@@ -28,18 +26,6 @@ def spawn_of(which, episode):  # type: ignore[no-untyped-def]
 def as_recorded(which, episode):  # type: ignore[no-untyped-def]
     """Whether driver and walker of this EPISODE record approach each other as recorded people do."""
     return spawn_of(which, episode) != PAPER
-
-
-@inlined
-def rules(episode, settings):  # type: ignore[no-untyped-def]
-    """Return (ticks until the hand-back, whether the lane is kept, the pedestrian's gain) for this EPISODE record.
-
-    Section 3.2 overrides the controls upon activation, here until half a second without danger; has no lane keeping,
-    see (18); and halves the pedestrian's acceleration, (21)-(24).
-    """
-    if settings.spawn == MIXED and episode.episode % 2 == 0:
-        return settings.paper_release_ticks, False, PAPER_GAIN
-    return settings.release_ticks, settings.lane_following, settings.pedestrian_gain
 
 
 @kernel
