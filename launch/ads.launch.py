@@ -41,7 +41,9 @@ def generate_launch_description() -> LaunchDescription:
                 description="wait for the system at every tick, or go on by the wall clock",
             ),
             DeclareLaunchArgument(
-                "real_time_factor", default_value="1.0", description="simulated over wall time; 0.0: as fast as may be"
+                "real_time_factor",
+                default_value="1.0",
+                description="simulated time over wall time; 0.0: as fast as possible",
             ),
             IncludeLaunchDescription(GRAPH, launch_arguments=[("set", settings)]),
         ]

@@ -63,11 +63,11 @@ def test_an_addition_that_cannot_be_used_is_named_with_its_distribution(
     install: Install, recordings: Path, points: str, message: str
 ) -> None:
     install(renamed("camera-broken", points))
-    with pytest.raises(InvalidInput, match="distribution camera-broken, " + message):
+    with pytest.raises(InvalidInput, match="package camera-broken, " + message):
         import_trajectories(recordings, "broken")
 
 
 def test_a_distribution_that_takes_a_built_in_name_is_refused(install: Install) -> None:
     install(renamed("camera-thief", 'vci-dut = "camera_tracks:CAMERA"'))
-    with pytest.raises(InvalidInput, match="distribution camera-thief adds format 'vci-dut', which is built in"):
+    with pytest.raises(InvalidInput, match="package camera-thief adds format 'vci-dut', which is built in"):
         IMPORTERS.names()

@@ -35,7 +35,7 @@ def override(name: str, value: object) -> Parameter:
 def test_parameters_carry_description_unit_and_range(context: Context) -> None:
     node = Perception(context=context)
     descriptor = node.describe_parameter("field_of_view")
-    assert descriptor.description == "whole angle of view, centred straight ahead [degrees]"
+    assert descriptor.description == "total angle of view, centred straight ahead [degrees]"
     (within,) = descriptor.floating_point_range
     assert (within.from_value, within.to_value) == (1.0, 360.0)
     assert descriptor.read_only

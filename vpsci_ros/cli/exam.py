@@ -111,6 +111,6 @@ def _demanded(report: Path) -> Iterator[None]:
     try:
         yield
     except SystemExit as error:
-        raise VpsciError(f"code of another distribution ended the program (SystemExit: {error}); no report") from error
+        raise VpsciError(f"code of another package ended the program (SystemExit: {error}); no report") from error
     if not report.is_file():
         raise VpsciError(f"{report}: the exam ended without its report")

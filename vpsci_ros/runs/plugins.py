@@ -79,10 +79,10 @@ class PluginGroup(Generic[T]):
         try:
             loaded = point.load()
         except Exception as error:
-            raise InvalidInput(f"{where}: {type(error).__name__}: {error}; mend that distribution") from error
+            raise InvalidInput(f"{where}: {type(error).__name__}: {error}; mend that package") from error
         if not isinstance(loaded, self.kind):
             kind = f"{self.kind.__module__}.{self.kind.__qualname__}"
-            raise InvalidInput(f"{where}: expected an instance of {kind}, got {loaded!r}; mend that distribution")
+            raise InvalidInput(f"{where}: expected an instance of {kind}, got {loaded!r}; mend that package")
         return loaded
 
 
@@ -93,4 +93,4 @@ def _is_there(point: EntryPoint) -> bool:
 
 
 def _owner(point: EntryPoint) -> str:
-    return f"distribution {point.dist.name}" if point.dist else "a distribution without a name"
+    return f"package {point.dist.name}" if point.dist else "a package without a name"
