@@ -89,7 +89,10 @@ class Body:
         return record
 
     def person(self, speed: float) -> Person:
-        """Return the drawn person with this `speed` [m/s]; before the hand-over, `recorded` is -1, `beyond` None."""
+        """Return what was drawn for this agent, see `Person`, with `speed` [m/s] as given.
+
+        Before the hand-over, `recorded` is -1 and `beyond` None.
+        """
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
         return Person(kind, speed, delay, self.agent.recorded(self._number), self.agent.beyond(self._number))

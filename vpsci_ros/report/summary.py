@@ -11,7 +11,10 @@ from vpsci_ros.runs.text_table import quartiles_text, short_name, text_table
 
 
 def print_rejections(folder: str | Path, console: Console) -> None:
-    """Print how many episodes each condition of the paper's section 3.3 rejected, and how many of them collided."""
+    """Print how many episodes were rejected, and how many of these collided, by the first condition that failed.
+
+    The conditions are those of the paper's section 3.3.
+    """
     data = Dataset(folder)
     counts = list(data.scenarios.values())
     rows = []

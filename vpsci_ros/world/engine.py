@@ -193,7 +193,10 @@ def move_several(state, answers, tables, recordings, settings, pushes, events): 
 
 @kernel
 def arrive(state, tables, settings, events):  # type: ignore[no-untyped-def]
-    """Locate all agents of EPISODE[B] on their paths as `move` does, after another engine has set their positions."""
+    """Locate the agents of the running ones of EPISODE[B] on their paths, and end episodes that are over.
+
+    As `move_one` does, after another engine has set the positions; events uint16[B] gets 1 << kind.
+    """
     events[:] = 0
     for i in range(state.size):
         if state[i].status == RUNNING:
