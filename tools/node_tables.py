@@ -62,8 +62,8 @@ NOTES = """
   counts (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated time. The level
   WARN of a report means that the node waits; ERROR means that the node rejected messages, or that an unexpected node
   publishes on one of its topics. The content of reports depends on the machine. On one CPU model
-  and with one version of the package, everything else in a bag depends on parameters, scenario files and weights alone, as
-  long as no answer is missing and no learner or external driving system takes part.
+  and with one version of the package, everything else in a bag depends on parameters, scenario files and weights alone,
+  as long as no answer is missing and no learner or external driving system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores, and each writes a log.
 - **Frames.** The world publishes odometry, transforms, `/markers` and robot descriptions only with `batch=1`. Frames

@@ -11,7 +11,7 @@ from vpsci_ros.runs.text_table import quartiles_text, short_name, text_table
 
 
 def print_rejections(folder: str | Path, console: Console) -> None:
-    """Print how many episodes were rejected, and how many of these collided, by the first condition that failed.
+    """Print how many episodes were rejected, and how many of these collided, by the first failed condition.
 
     The conditions are those of the paper's section 3.3.
     """
