@@ -121,7 +121,7 @@ def main() -> None:
     parser.add_argument("--leads", type=float, nargs="+", default=[-1.0, 0.0, 1.0], help="[s]")
     parser.add_argument("--weights", default="people")
     parser.add_argument(
-        "--engines", nargs="+", choices=("sumo", "highway", "commonroad"), help="their examples instead"
+        "--engines", nargs="+", choices=("sumo", "highway", "commonroad"), help="measure the examples of these engines"
     )
     parser.add_argument("--scenarios", type=Path, metavar="FOLDER", help="of CommonRoad's .xml files")
     given = parser.parse_args()
