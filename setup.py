@@ -114,6 +114,8 @@ EXTRAS = {
     # examples/sumo_crossing.py and examples/highway_crossing.py: our pedestrian in other people's engines.
     "sumo": ["eclipse-sumo>=1.20,<2", "traci>=1.20,<2"],
     "highway": ["highway-env>=1.10,<2"],
+    # examples/trained_policy.py: PPO as a driving system.
+    "baselines": ["stable-baselines3>=2.4,<3"],
     "test": [
         "lanelet2>=1.2.2,<2",
         "mypy>=1.13,<3",
@@ -122,10 +124,9 @@ EXTRAS = {
         "pytest-xdist>=3.6,<4",
         "pytest>=8,<10",
         "ruff>=0.8,<1",
-        "stable-baselines3>=2.4,<3",
         "twine>=6.1,<8",
     ],
-    # `make docs`: the documentation site; nbclient runs its tutorial in the tests.
+    # `make docs`: the documentation site; nbclient runs its tutorial in test/test_site.py.
     "docs": [
         "mkdocs-jupyter>=0.25,<0.27",
         "mkdocs-material>=9.5,<10",

@@ -4,7 +4,8 @@
 #   tools/setup.sh VENV [demo|test|engines]
 #
 # demo: the core, learning, ROS 2 and the messages. test (the default): demo, and what tests need. engines: test, and the
-# engines and planners that the pedestrian meets (SUMO, highway-env, CARLA's client, CommonRoad, fiss-planner).
+# engines and planners that the pedestrian meets (SUMO, highway-env, CARLA's client, CommonRoad, fiss-planner,
+# Stable-Baselines3), and what builds the documentation site.
 #
 # A step is done when VENV/.done/STEP holds the hash of all files that the step depends on, so a second run takes a
 # fraction of a second, a changed .msg file rebuilds the messages alone, and an interrupted step is done again.
@@ -105,10 +106,10 @@ if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf
 fi
 
 [ "$purpose" = demo ] && exit
-add test rl,exam_extra,paper,formats,geo,drive,test,docs "what tests need: another 0.8 GB on disk"
+add test rl,exam_extra,paper,formats,geo,drive,test "what tests need: another 0.6 GB on disk"
 
 [ "$purpose" = test ] && exit
-add engines carla,highway,planner,sumo "SUMO, highway-env, CARLA's client and a planner: another 0.7 GB on disk"
+add engines carla,highway,planner,sumo,baselines,docs "SUMO, highway-env, CARLA's client, planners and the site: 0.9 GB more on disk"
 # Not all of CommonRoad's packages are on PyPI for Python 3.10 and 3.12: there its tests are skipped, and say so.
 if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' && ! is_done commonroad tools/commonroad.txt; then
     say "installing CommonRoad, about 50 MB"

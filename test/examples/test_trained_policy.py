@@ -14,7 +14,7 @@ import rclpy
 from class_in_process import class_in_process
 from composed import composed
 
-pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (extra: test)")
+pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (extra: baselines)")
 pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
 
 from vpsci_ros.cli.parameter_file import load
