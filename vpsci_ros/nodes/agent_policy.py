@@ -1,4 +1,4 @@
-"""A policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
+"""A policy as a node: at each policy frame, answers WorldState and SafetyState with one agent's accelerations."""
 
 import time
 from functools import partial
@@ -82,7 +82,7 @@ class AgentPolicy(GraphNode):
 
     @property
     def _can_act(self) -> bool:
-        """Whether it needs no weights, or has them."""
+        """Whether the agent needs no weights, or has them."""
         return not isinstance(self._agent, PolicyAgent) or self._version > 0
 
     def _offer(self) -> None:

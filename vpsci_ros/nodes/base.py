@@ -1,4 +1,4 @@
-"""The base class of all nodes, with parameters from configuration classes, and the function that runs nodes."""
+"""The base class of a graph's nodes, with parameters from configuration classes, and the functions that run nodes."""
 
 import sys
 import time
@@ -41,9 +41,9 @@ _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
 
 class _Destroying(type):
-    """Destroys a node whose making fails, rather than leave it to the garbage collector.
+    """Metaclass that destroys a node whose constructor raises, rather than leave it to the garbage collector.
 
-    Collected with its publishers, a node can stand still in the middleware for ever (ros2/build_cop#248).
+    A node that is collected with its publishers can hang in the middleware for ever (ros2/build_cop#248).
     """
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
@@ -134,7 +134,7 @@ class GraphNode(Node, metaclass=_Destroying):
         )
 
     def acts(self, tick: int) -> None:
-        """Record a tick that the node answers; log the first one, and each that has a lower number than the last."""
+        """Record a tick that the node answers; log the first one, and each with a lower number than the one before."""
         if self._acted_at is None or tick < self._acted_at:
             self.get_logger().info(f"answers from tick {tick} on")
         self._acted_at = tick
@@ -157,7 +157,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def state(self) -> str:
-        """The node's state for its status, in one or two words."""
+        """The node's state for its status, in a few words."""
         return "running"
 
     @property
@@ -208,7 +208,7 @@ class GraphNode(Node, metaclass=_Destroying):
         """Complete the node's work; called once however its run ends, while publishing still works."""
 
     def flush(self) -> None:
-        """Wait until the recorder has received what this node published, at most `FLUSH_LIMIT` for each topic."""
+        """Wait until the recorder has this node's messages, at most `FLUSH_LIMIT` a topic; a timeout ends the wait."""
         recorded = [output for output in self._offered if "recorder" in output.expected and output.published]
         all(output.flush(FLUSH_LIMIT) for output in recorded)
 

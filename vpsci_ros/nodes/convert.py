@@ -43,7 +43,7 @@ _POINT_FIELDS = [
 
 
 def sequence(values: Array) -> array[Any]:
-    """Return the values of an array in row-major order as `array.array`, the type of a message's numeric sequence."""
+    """Return an array of u1, u4, u8, f4 or f8 as a flat `array.array` in row-major order, for a message's sequence."""
     return array(_CODES[values.dtype.char], values.tobytes())
 
 

@@ -126,12 +126,15 @@ def only_graph(namespace: str) -> Iterator[None]:
 
 
 def _name(domain: int, who: str) -> str:
-    """Return the name of a socket of Linux that is no file and ends with its process."""
+    """Return the name of an abstract Unix socket, which is no file and is free again when its process ends."""
     return f"\0vpsci_ros/{domain}/{who}"
 
 
 def _bind(end: socket.socket, address: str | tuple[str, int]) -> bool:
-    """Return whether an address was free, and is now this socket's."""
+    """Bind a socket to an address; return whether the address was free.
+
+    :raises OSError: another error than an address in use.
+    """
     try:
         end.bind(address)
     except OSError as error:

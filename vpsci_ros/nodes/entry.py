@@ -29,7 +29,7 @@ def node_class(name: str) -> Any:
 def start(name: str, args: list[str] | None = None) -> int:
     """Run a node, or several in one process, until it has finished or is stopped; return the exit status.
 
-    0 where it is stopped as it is imported, 2 where a library that it needs is not installed.
+    0 if it is stopped while it is imported, 2 if a library that it needs is not installed; else as `run_together`.
 
     :param name: of the node; "world_simulator,safety_monitor" for several in this process, until the first one has
         finished.

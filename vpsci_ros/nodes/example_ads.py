@@ -24,7 +24,8 @@ from vpsci_ros.nodes.example_driver import ExampleDriver, Mover  # the file besi
 class ExampleAds(Node):
     """Subscribes to `/vehicle/odometry` and the pedestrians; publishes one `/vehicle/cmd_accel` a tick.
 
-    The pedestrians come as they are, on `/pedestrian/odometry`, or as perception has them, on `/perception/objects`.
+    It reads the first pedestrian's true motion on `/pedestrian/odometry`, or all perceived pedestrians on
+    `/perception/objects`.
     """
 
     def __init__(self) -> None:
@@ -54,7 +55,7 @@ class ExampleAds(Node):
         self.answer()
 
     def on_objects(self, message: PointCloud2) -> None:
-        """Store the perceived pedestrians, and answer the vehicle's tick if they are those for it."""
+        """Store the perceived pedestrians, and answer the vehicle's tick if they are recent enough for it."""
         self.seen = message
         self.answer()
 

@@ -14,7 +14,7 @@ RADIUS = 0.3  # [m] of the pedestrian
 
 
 class Mover(NamedTuple):
-    """A road user in the plane, x east and y north, counter-clockwise from x."""
+    """A road user in the plane: x east, y north, angles counter-clockwise from x."""
 
     x: float  # [m]
     y: float  # [m]
@@ -25,7 +25,7 @@ class Mover(NamedTuple):
 
 @dataclass
 class ExampleDriver:
-    """A driver of one car; its fields are the parameters of the node `example_ads`."""
+    """A driver of one car; its fields are also parameters of the node `example_ads`."""
 
     cruise_speed: float = 4.0  # [m/s]
     comfort_acceleration: float = 2.0  # [m/s2]
@@ -42,7 +42,7 @@ class ExampleDriver:
         return self.acceleration(observation.vehicle, observation.pedestrians)
 
     def acceleration(self, vehicle: Mover, pedestrians: Iterable[Mover]) -> float:
-        """Return the acceleration [m/s2]: braking if a contact is predicted within the horizon, else cruising."""
+        """Return the acceleration [m/s2]: braking if a pedestrian comes within `margin` before `horizon`, else cruising."""
         ahead = max(vehicle.speed, 1.0)  # standing, it looks whether it could set off
         time = min((self.time_to_contact(vehicle, each, ahead) for each in pedestrians), default=math.inf)
         if time < self.horizon:

@@ -1,7 +1,7 @@
 """The reasons for which a run of a graph fails, as sentences, from the nodes' reports.
 
 While it runs: `ended`, `stands_still`, `hangs`, and of an exam `Silence`, `flood`, `never_came`, `second_publishers`.
-At its end: `incomplete`. An empty answer is none.
+At its end: `incomplete`. An empty text or list means that nothing failed.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -72,7 +72,7 @@ def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: obje
 class Silence:
     """Detects from the world's counts that a driving system has stopped publishing.
 
-    It has when it left `limit` ticks unanswered while it answered fewer than that.
+    It has, if it left `limit` ticks or more unanswered and answered no more than it left unanswered meanwhile.
     """
 
     def __init__(self, limit: int) -> None:
@@ -117,7 +117,8 @@ def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
 def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Collection[str] = ()) -> str:
     """Return a sentence if a driving system has sent no command within `patience` [s]; else "".
 
-    :param awaited: what the world waits for; where nodes are among it, it is not up to the driving system.
+    :param idle: time without progress [s].
+    :param awaited: what the world waits for; while it waits for nodes, the driving system is not to blame.
     """
     if RESPONDENTS.keys() & awaited or "recorder" in awaited:
         return ""
@@ -141,13 +142,13 @@ def incomplete(
     recorded: RecordedCounts | None,
     killed: Collection[str] = (),
 ) -> list[str]:
-    """Return a clause for each thing that is missing from a run without an error; empty if the run is complete.
+    """Return a clause for each thing that is missing or wrong in a run without an error; empty if it is complete.
 
     :param requested: episodes; 0 where no world runs.
     :param nodes: of the graph.
     :param statuses: the last one of each node, through its pipe.
     :param recorded: of its bag; None where the graph has no recorder.
-    :param killed: nodes whose process did not end by itself, so that their last status may be a second old.
+    :param killed: nodes whose process ended with another status than 0, so that their last report may be a second old.
     """
     found = [f"{node} reported nothing" for node in nodes if node not in statuses]
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()

@@ -49,10 +49,11 @@ WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.saf
 class GraphResult:
     """The result of a run of a graph.
 
-    :ivar error: why it is no success; empty when it ran to its end and is complete.
+    :ivar error: why the run failed; empty when it ran to its end and is complete.
+    :ivar wall_time: of the run [s].
     :ivar nodes: the last report of each node.
-    :ivar exits: exit status of each process.
-    :ivar recording: the bag, whose checksums have been compared; None where there is none or it is not whole.
+    :ivar exits: node -> exit status of its process.
+    :ivar recording: the bag, after its checksums were compared; None where there is none or it is damaged.
     """
 
     folder: Path
@@ -350,7 +351,7 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
 
 
 def _recorded(bag: Bag) -> failures.RecordedCounts:
-    """Return what a bag and its recorder say of the numbers of messages.
+    """Return the numbers of messages in a bag, and those that its recorder counted.
 
     :raises InvalidInput: the bag is not whole.
     """

@@ -24,7 +24,7 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # so the middleware calls a node of which it kn
 class Intake:
     """The subscriptions of a node, by topic of `TOPICS`.
 
-    :ivar arrived: `time.perf_counter()` when the latest message came.
+    :ivar arrived: `time.perf_counter()` when the latest message of a topic with `decode` came, or a handler set it.
     :ivar polled: subscription that the node polls itself -> what takes its messages.
     :ivar refused: topic -> messages that were refused.
     """
@@ -49,7 +49,7 @@ class Intake:
         raw: bool = False,
         polled: bool = False,
     ) -> Subscription:
-        """Subscribe to a topic of `TOPICS`.
+        """Subscribe to a topic of `TOPICS`, and return the subscription.
 
         :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
             refusal is counted and logged; returns no None. None: `handle` is called with every message at once.
@@ -71,7 +71,7 @@ class Intake:
     def poll(self) -> None:
         """Process the received messages of all topics added with `polled`, in the order of publication.
 
-        A wake of the executor and a call for each message costs a reader of everything several times as much.
+        Where the executor wakes for each message, a node that reads every topic needs several times as much CPU time.
         """
         came = []
         for subscription, receive in self.polled.items():
@@ -115,7 +115,7 @@ class Intake:
         self._node.get_logger().warning(f"refused {text} ({count})")
 
     def look(self) -> None:
-        """Record and log unexpected publishers of the subscribed topics."""
+        """Record and log unexpected publishers of the subscribed topics, except topics that graphs share."""
         for topic, given in self._inputs.items():
             if not TOPICS[topic].shared and given.get_publisher_count() > 1:
                 found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
@@ -140,7 +140,7 @@ class Intake:
 
 
 def second_publishers(names: Iterable[str], expected: Iterable[str]) -> list[str]:
-    """Return the unexpected publishers of a topic.
+    """Return the publishers of a topic beyond the first expected one; a single publisher counts as expected.
 
     :param names: of the nodes that publish it, with their namespaces, one for each publisher.
     :param expected: names without namespaces.

@@ -141,7 +141,7 @@ class Learner(GraphNode):
         self._weights.publish(message)
 
     def _report(self, values: dict[str, float], last: bool = False) -> None:
-        """Publish the latest value of every name, now and then."""
+        """Store these figures and, at most once in `REPORT_PERIOD` or if `last`, publish the latest of every name."""
         for name, value in values.items():
             self._figures[name] = f"{value:.4g}" if isinstance(value, float) else value
         now = time.monotonic()

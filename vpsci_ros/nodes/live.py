@@ -1,4 +1,4 @@
-"""Subscription to a running graph from outside, as for a page that shows it; no node waits for the subscriber."""
+"""Subscription to a running graph from outside, as for a page that shows it; a slow subscriber delays no node."""
 
 from collections.abc import Callable, Iterable
 from functools import partial

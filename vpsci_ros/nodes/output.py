@@ -1,4 +1,4 @@
-"""A publisher of a graph's node that sends its first message when all expected subscribers are matched."""
+"""A publisher of a graph's node that waits, before its first message, until all expected subscribers are matched."""
 
 import time
 from collections.abc import Callable
@@ -23,7 +23,7 @@ class Output:
     :param topic: of the table.
     :param expected: names of the nodes that are to read it.
     :param stopping: returns whether the node is to stop, and waits no more.
-    :ivar published: number of messages.
+    :ivar published: number of messages, those included that nobody subscribed to.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Output:
     def found(self) -> bool:
         """Return whether all expected subscribers are matched, for a node that polls instead of waiting.
 
-        :raises VpsciError: they did not appear within `PEER_TIMEOUT` of the first time.
+        :raises VpsciError: they did not appear within `PEER_TIMEOUT` of the first call.
         """
         self._waiting_since = self._waiting_since or unhindered_time()
         if not self.matched and unhindered_time() - self._waiting_since > PEER_TIMEOUT:

@@ -1,4 +1,4 @@
-"""Perception as a node: the pedestrians with the errors of a sensor and a tracker."""
+"""Perception as a node: publishes the pedestrians with the errors of a sensor and a tracker."""
 
 import math
 import time
@@ -113,7 +113,7 @@ class Perception(GraphNode):
 def _shown(data: bytes) -> StateContent:
     """Return what a WorldState says.
 
-    :raises InvalidInput: as `read_world_state`, or its ticks take no time.
+    :raises InvalidInput: as `read_world_state`, or its `dt` is not a finite number above 0.
     """
     world = read_world_state(data)
     if not 0.0 < world.period < math.inf:

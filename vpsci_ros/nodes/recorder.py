@@ -27,7 +27,7 @@ from vpsci_ros.world.state import NO_EVENTS
 
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
 _AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
-"""Topics that come with zeros between their fields, as events do; the others are written once more: the same bag."""
+"""Topics whose messages have zeros between their fields; others are serialized again, so that bags are reproducible."""
 
 
 class _Entry(NamedTuple):
@@ -45,11 +45,11 @@ _FOREIGN = _Entry(0, b"")  # in place of a message of another graph
 class Recorder(GraphNode):
     """Writes the serialized messages of every topic that lists the recorder as subscriber into one bag.
 
-    Log times are the simulated times in the messages, so that a bag plays back at the pace of the world and is the
-    same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
-    parameters of the other nodes, from their reports, and a record of each episode.
+    Log times are the simulated times in the messages (stage 1: wall times), so that a bag plays back at the pace of
+    the world; publish times are the wall times of receipt. The bag also gets the parameters of the other nodes, from
+    their reports, and a record of each episode.
 
-    States and answers are recorded as they came; the nodes that act on them refuse what is none.
+    States and answers are recorded as they came; the nodes that act on them refuse invalid ones.
     """
 
     drains = True
@@ -104,7 +104,7 @@ class Recorder(GraphNode):
     def _read(self, topic: str, data: bytes) -> _Entry:
         """Return a message as it is recorded; `_FOREIGN` for one of another graph on a topic that graphs share.
 
-        :raises InvalidInput: it has no stamp, or it is another program's and no message of its type, or ragged events.
+        :raises InvalidInput: it has no stamp, is not of its topic's type, or its events' arrays differ in length.
         """
         row = TOPICS[topic]
         if topic == "/diagnostics":

@@ -35,8 +35,8 @@ REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=Reliabi
 class Replayer(GraphNode):
     """Publishes a bag's topics and `/clock`; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) control it.
 
-    It begins when the readers among `peers` are there and, for the others, when no new one has come for a while.
-    From a later episode on, it first publishes what latched topics held at its beginning, such as `/tf_static`.
+    It begins when all readers among `peers`, and at least one reader, are there and none has come for `SETTLED` s.
+    With `first_episode` it first publishes what latched topics such as `/tf_static` held when that episode began.
     Messages are not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
     """
 
@@ -87,7 +87,7 @@ class Replayer(GraphNode):
         return self.create_publisher(kind, name, _latched(depth) if (depth := _kept(topic)) else REPLAY)
 
     def _publish_held(self, bag: Bag, depths: dict[str, int], start: int) -> int:
-        """Publish what a subscriber from log time `start` [ns] on would get of latched topics; return how much.
+        """Publish the latched messages that a subscriber at log time `start` [ns] would have got; return their number.
 
         :param depths: topic -> how many messages its publishers keep.
         """
@@ -129,7 +129,7 @@ class Replayer(GraphNode):
             self.get_logger().info(f"waiting for {what}", throttle_duration_sec=5.0)
 
     def _absent(self) -> str:
-        """Return which of the peers has not subscribed yet to what, in words."""
+        """Return "NODE and NODE to subscribe to /TOPIC" for the first topic that lacks readers; "" if none does."""
         for topic, outlet in self._outlets.items():
             expected = listeners(topic, self.peers) if topic in TOPICS else []
             if outlet.get_subscription_count() < len(expected):
@@ -181,11 +181,11 @@ class Replayer(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether the replayer waits for subscribers, is paused, or plays."""
+        """The replayer's state: "waiting for readers", "paused" or "playing"."""
         return "waiting for readers" if not self._begun else "paused" if self._paused else "playing"
 
     def figures(self) -> dict[str, Any]:
-        """Return how many messages were published, and the recorded time [s] of the last one."""
+        """Return how many messages were published, and the log time [s] of the last one."""
         return {"messages_published": self._held + self._sent, "time": f"{self._at * 1e-9:.3f}"}
 
     def close(self) -> None:
@@ -197,9 +197,9 @@ class Replayer(GraphNode):
 
 
 def _kept(topic: TopicInfo) -> int:
-    """Return how many messages of a topic are kept for subscribers that come later; 0: it is not latched.
+    """Return how many messages of a topic are kept for subscribers that come later; 0: the topic is not latched.
 
-    Where a bag does not say, topics that ROS latches by convention are, of however many publishers.
+    Where a bag does not say, topics that `TOPICS` lists as latched keep all their messages, up to `MOST_LATCHED`.
     """
     by_convention = topic.name in TOPICS and TOPICS[topic.name].qos is LATCHED
     return min(topic.latched or (topic.messages if by_convention else 0), MOST_LATCHED)

@@ -30,7 +30,7 @@ ANNOUNCED_PATIENCE = 3.0  # [s] to wait for announced readers of the state that 
 class Respondents:
     """The input of the world: `/safety/state`, the agents' actions and an external driving system's commands.
 
-    :param answered: called when an answer has come.
+    :param answered: called after each message, whether it was taken or refused.
     """
 
     def __init__(self, node: GraphNode, lock_step: LockStep, answered: Callable[[], None]) -> None:
@@ -79,13 +79,13 @@ class Respondents:
         return {self._names[sender] for sender in self._lock_step.unanswered}
 
     def _not_subscribed(self) -> set[str]:
-        """Return the nodes that publish answers but are not yet seen to subscribe to the ticks."""
+        """Return "NODE to subscribe to /TOPIC" for each node that publishes answers but does not read the ticks yet."""
         state, odometry = self._node.full_name(WORLD), self._node.full_name("/vehicle/odometry")
         found, unaware = self._not_reading(self._inputs.values(), state), self._not_reading(self._commands, state)
         return found | (self._not_reading(self._commands, odometry) if unaware else set())
 
     def _not_reading(self, inputs: Iterable[Subscription], topic: str) -> set[str]:
-        """Return the publishers of `inputs` that do not subscribe to a topic."""
+        """Return "NODE to subscribe to TOPIC" for each publisher of `inputs` that does not."""
         readers = self._node.get_subscriptions_info_by_topic(topic)
         known = {(reader.node_namespace, reader.node_name) for reader in readers}
         writers = [each for given in inputs for each in self._node.get_publishers_info_by_topic(given.topic_name)]
@@ -128,7 +128,7 @@ class Respondents:
                 external.control(values, command_stamp(message.header), message.tick)
 
     def _driver(self) -> ExternalDriver | None:
-        """Return what takes commands; before the first tick they are counted, and answer nothing."""
+        """Return the external driver, which takes commands; before the first tick, count a command and return None."""
         if self._lock_step.tick is None:
             self._lock_step.early_command()
             return None

@@ -1,4 +1,4 @@
-"""The CurvTTC safety monitor: answers every WorldState with the CurvTTC of each parallel episode."""
+"""The CurvTTC safety monitor: answers every WorldState with CurvTTC and distance of each parallel episode."""
 
 from typing import Any
 

@@ -32,7 +32,7 @@ def remove_left_behind(folder: Path = FOLDER) -> list[str]:
 
 @contextlib.contextmanager
 def _abandoned(lock: Path) -> Iterator[None]:
-    """Hold a lock file of this user.
+    """Hold the lock on a lock file of this user, which no other process holds, in the `with` block.
 
     :raises OSError: another process holds it, or it is another user's.
     """

@@ -44,7 +44,7 @@ class Watch:
         self._excused += seconds
 
     def take(self, statuses: dict[str, NodeStatus]) -> None:
-        """Read the nodes' latest reports: show the progress, and restart the idle time if there is any."""
+        """Show the progress in the nodes' latest reports; restart the idle time if a node progressed or is paused."""
         for node, status in statuses.items():
             seen = status.state, status.figures, status.counts
             # The recorder goes on writing diagnostics, its own among them, however long nothing happens.

@@ -90,7 +90,7 @@ class WorldOutputs:
         self._publish_motion(tick.state, _movers(tick.state), tick_header(tick.number, self._period))
 
     def _publish_motion(self, state: NDArray[np.void], movers: list[PlanarMotion], header: WireHeader) -> None:
-        """Publish odometry and the same as transforms."""
+        """Publish the agents' odometry and transforms; nothing while the slot is idle."""
         if state["status"][0] == IDLE:
             return
         prefix = self._node.frame_prefix

@@ -37,7 +37,7 @@ LATE = 1.0  # [s] after which an answer that is missing is reported
 class WorldSimulator(GraphNode):
     """Reads `/safety/state` and the agents' actions; publishes `/clock`, `/world/state`, `/episode/event` and views.
 
-    :param server: that moves the agents; None: that of the parameter `engine`.
+    :param server: an external engine's server, which moves the agents; None: as the parameter `engine` says.
 
     Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`.
     """
@@ -216,7 +216,7 @@ class WorldSimulator(GraphNode):
         self._publish(np.concatenate([notices, step.events]) if len(notices) else step.events)
 
     def _publish(self, events: NDArray[np.void]) -> None:
-        """Publish what happened, and the present tick."""
+        """Publish the events, EVENT[n], and the present tick; after the last episode, events alone."""
         tick = self._loop.world.now
         if len(events):
             self._count(events)
