@@ -1,7 +1,7 @@
 """Reading of YAML and JSON files from others, with limits so that no content can hang or crash a program.
 
 Of YAML the part is read that ROS 2 reads of its parameter files: no aliases (a few hundred bytes of them unfold to
-billions of values), no tags but the plain ones, no key twice (YAML keeps the last one without a word).
+billions of values), no tags but the plain ones, no key twice (PyYAML keeps the last one without a word).
 """
 
 import json
@@ -29,7 +29,7 @@ _REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _
 
 
 def shown(value: Any) -> str:
-    """Return a value for an error message: its `repr`, cut to a few lines."""
+    """Return a value for an error message: its `repr`, with long and deeply nested parts shortened."""
     try:
         return _REPR.repr(value)
     except ValueError:  # a number of more digits than Python writes out
@@ -43,9 +43,9 @@ def listed(names: Iterable[object], most: int = 8) -> str:
 
 
 def given_names(text: str, where: str) -> list[str]:
-    """Return the names in a comma-separated text, in order; an empty text has none.
+    """Return the names in a comma-separated text, in order; [] for an empty text.
 
-    :raises InvalidInput: the text holds no name, or nothing between two commas; `where` opens the message.
+    :raises InvalidInput: a name is empty, as in "a,,b" or "a,"; `where` opens the message.
     """
     names = [part.strip() for part in text.split(",")] if text else []
     if not all(names):
@@ -54,13 +54,13 @@ def given_names(text: str, where: str) -> list[str]:
 
 
 def reason(error: BaseException) -> str:
-    """Return an exception's message in one line of at most 300 characters."""
+    """Return an exception's message in one line, cut after 300 characters; its class name if the message is empty."""
     text = " ".join(str(error).replace(_UNNAMED, "").split()) or type(error).__name__
     return text if len(text) <= 300 else f"{text[:300]} ..."
 
 
 class _Loader(_LOADER):  # type: ignore[misc]
-    """Plain YAML, without a key twice."""
+    """YAML loader that refuses a mapping with one key twice, and whole numbers of more than 64 bits."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
@@ -89,7 +89,7 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 def _bounded(value: int) -> int:
     """Return a whole number, of 64 bits at most: ROS 2, Parquet and floats hold no greater ones.
 
-    :raises ValueError: it is greater.
+    :raises ValueError: it needs more than 64 bits.
     """
     if not -(2**63) <= value < 2**64:
         raise ValueError(f"a whole number of {len(str(abs(value)))} digits; expected one of 64 bits at most")
@@ -100,7 +100,7 @@ def parse_yaml(text: str, where: str) -> Any:
     """Return the values of a YAML text.
 
     :param where: what it comes from, the opening of the error message.
-    :raises InvalidInput: not YAML, or not of the part that is read, see above.
+    :raises InvalidInput: not YAML, or outside the part of YAML that this module reads, see its docstring.
     """
     try:
         _refuse_bombs(text)
@@ -110,7 +110,7 @@ def parse_yaml(text: str, where: str) -> Any:
 
 
 def _refuse_bombs(text: str) -> None:
-    """Refuse aliases, and depths at which the loader in C overflows its stack: it composes by recursion."""
+    """Refuse aliases, and nesting deeper than `DEEPEST`: very deep texts overflow the stack of the loader in C."""
     depth = 0
     for event in yaml.parse(text, _LOADER):
         if isinstance(event, yaml.AliasEvent):
@@ -126,7 +126,7 @@ def _refuse_bombs(text: str) -> None:
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
-    """Writes every value in place: what is read here, and by ROS 2 and readers in C++, has no aliases."""
+    """YAML writer without aliases, which neither this module nor ROS 2 reads."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -150,7 +150,7 @@ def require_regular(path: str | Path, most: int = 2**40) -> None:
 
     A file that is not there, or a folder, is left to what opens it.
 
-    :raises InvalidInput: see above.
+    :raises InvalidInput: see above, or the path holds a NUL.
     """
     try:
         status = Path(path).stat()
@@ -172,7 +172,7 @@ def printable(text: str) -> str:
 def read_text(path: str | Path, what: str, most: int | None = None) -> str:
     """Return the text of a file; refuse a file of more than `most` bytes (default: `LONGEST`).
 
-    :raises InvalidInput: it cannot be read, or is not UTF-8.
+    :raises InvalidInput: it cannot be read, is too large, or is not UTF-8.
     """
     require_regular(path, most or LONGEST)
     try:
@@ -186,7 +186,7 @@ def read_text(path: str | Path, what: str, most: int | None = None) -> str:
 def parse_json(text: str | bytes, where: str) -> Any:
     """Return the values of a JSON text.
 
-    :raises InvalidInput: not JSON, or nested too deeply; `where` opens the message.
+    :raises InvalidInput: not JSON, nested too deeply, or a number of more than 64 bits; `where` opens the message.
     """
     try:
         return json.loads(text, parse_int=lambda digits: _bounded(int(digits)))

@@ -44,7 +44,7 @@ _WRAPPED = re.compile(r"(?:\[Errno |\(os error |\bcode: )(\d+)")  # as Python, a
 
 
 class VpsciError(Exception):
-    """Base of every error that this package raises on purpose; the command line prints it without a traceback."""
+    """Base of the errors that this package reports to a user; the command line prints them without a traceback."""
 
 
 class InvalidInput(VpsciError, ValueError):
@@ -71,7 +71,7 @@ def require(*modules: str) -> None:
 
 
 def not_installed(module: str) -> str:
-    """Return a line with the command that installs a missing module; "" if no extra contains it."""
+    """Return a line about how to install a missing module; "" for modules of no extra of this package."""
     if module == "vpsci_msgs":
         return "vpsci_msgs, this package's ROS 2 messages, is not built: docs/install.md says how"
     extra = "ros,messages" if module == "rclpy" or module.endswith("_msgs") else _EXTRAS.get(module)
@@ -79,9 +79,9 @@ def not_installed(module: str) -> str:
 
 
 def in_words(error: BaseException) -> str:
-    """Return a line about an error of the operating system or a missing module; "" for any other error.
+    """Return a line about an error of the operating system, a shortage or a missing module; "" for any other error.
 
-    Libraries wrap the system's errors in their own, whose text ends in its number.
+    Libraries wrap the system's errors in their own, whose text contains the error number.
     """
     if isinstance(error, ModuleNotFoundError):
         return not_installed((error.name or "").partition(".")[0])

@@ -28,7 +28,7 @@ _TYPES = (bool, int, float, str, list[int], list[float], list[str])
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """One row of a parameter table: name, default, description, unit, inclusive range, choices, read-only, constant."""
+    """A row of a parameter table; `low` and `high` are inclusive, None without a bound."""
 
     name: str
     type: Any
@@ -44,7 +44,7 @@ class Parameter:
     def check(self, value: Any, where: str) -> Any:
         """Check `value` against this row, and return it in the parameter's type.
 
-        :raises InvalidInput: wrong type, not finite, out of range or not among the choices; `where` opens the message.
+        :raises InvalidInput: wrong type, NaN, out of range or not among the choices; `where` opens the message.
         """
         if isinstance(value, tuple):
             value = list(value)
@@ -85,7 +85,7 @@ def parameter(
     read_only: bool = True,
     constant: bool = False,
 ) -> Any:
-    """Declare a configuration field that is also a ROS 2 parameter; a `default` may be a list."""
+    """Declare a configuration field, which is also a ROS 2 parameter unless `constant`; a `default` may be a list."""
     metadata = {
         "description": description,
         "unit": unit,
@@ -101,16 +101,19 @@ def parameter(
 
 
 constant = partial(parameter, constant=True)
-"""Declare a configuration field that only Python sets; its description gives the source of the value."""
+"""Declare a configuration field that only Python code sets: no ROS 2 parameter, and in no parameter file."""
 
 
 def table(config: type) -> list[Parameter]:
-    """Return the parameters of a configuration class, in the order of its fields, those of groups included."""
+    """Return a configuration class's parameters, without constants, in the order of its fields, groups included."""
     return [row for row in with_constants(config) if not row.constant]
 
 
 def with_constants(config: type) -> list[Parameter]:
-    """Return the parameters and constants of a configuration class, in the order of its fields."""
+    """Return the parameters and constants of a configuration class, in the order of its fields, groups included.
+
+    :raises TypeError: a field has a type that no ROS 2 parameter has.
+    """
     hints = get_type_hints(config)
     rows = []
     for field in dataclasses.fields(config):
@@ -156,7 +159,7 @@ def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
 
 
 def pick(config: type[T], values: Mapping[str, Any], where: str) -> T:
-    """Build `config` from those of a section's values that are its fields."""
+    """Build `config` from a section's values; names that are no fields of `config` are ignored. Errors as `build`."""
     names = {row.name for row in with_constants(config)}
     return build(config, {name: value for name, value in values.items() if name in names}, where)
 
@@ -194,7 +197,10 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: str) -> None:
-    """Raise `InvalidInput` naming the first key of `values` that is not in `known`, with the nearest known name."""
+    """Refuse a key of `values` that is not in `known`, naming the nearest known name, or all if none is near.
+
+    :raises InvalidInput: such a key, or one value for a group of parameters.
+    """
     for name in map(str, values):
         below = [key for key in known if key.startswith(f"{name}.")]
         if below:
@@ -208,7 +214,7 @@ def refuse_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: s
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
     """Read a ROS 2 parameter file: section -> name of a parameter -> unchecked value.
 
-    :raises InvalidInput: not readable as YAML, or not laid out as a parameter file.
+    :raises InvalidInput: no such file, not readable as YAML, or not laid out as a parameter file.
     """
     if not Path(path).exists():
         raise InvalidInput(f"{path}: no such parameter file; the package's own are in params/")

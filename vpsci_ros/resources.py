@@ -88,7 +88,7 @@ def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, 
     """Return the file of the near-miss table that `name` names, and its part as a prefix of clip names ("": all).
 
     A table is "right_turns", which is shipped with the package, or a path; a part is named as if the table were a
-    folder of its clips: "right_turns/train", "mine.parquet/dev/corner1".
+    folder of its clips: "right_turns/train", "mine.parquet/dev/corner1". A name of no table is returned as a path.
     """
     given = Path(name)
     for path in (given, *given.parents):
