@@ -42,7 +42,7 @@ class ExampleDriver:
         return self.acceleration(observation.vehicle, observation.pedestrians)
 
     def acceleration(self, vehicle: Mover, pedestrians: Iterable[Mover]) -> float:
-        """Return the acceleration [m/s2]: braking if a pedestrian comes within `margin` before `horizon`, else cruising."""
+        """Return the acceleration [m/s2]: brake if a pedestrian gets within `margin` before `horizon`, else cruise."""
         ahead = max(vehicle.speed, 1.0)  # standing, it looks whether it could set off
         time = min((self.time_to_contact(vehicle, each, ahead) for each in pedestrians), default=math.inf)
         if time < self.horizon:
