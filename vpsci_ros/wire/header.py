@@ -43,7 +43,7 @@ def tick_header(tick: int, period: float) -> WireHeader:
 def read_start(data: bytes, where: str) -> tuple[WireHeader, int, int]:
     """Return header and tick of a serialized message, and the offset of the first byte after them.
 
-    :param where: the topic, which opens the message.
+    :param where: the topic, which opens the error message.
     :raises InvalidInput: they are not as ROS writes them.
     """
     if len(data) >= _START.size:

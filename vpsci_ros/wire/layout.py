@@ -2,8 +2,7 @@
 
 `msg_defs/` defines the messages. Fields of the same name in a message and in a structured array correspond. A message
 here is any object with those fields: one of rclpy, whose sequences are `array.array`s, or one of `decode`, whose
-sequences are numpy arrays. What writes a message takes its fields by name from here, and does with them what its kind
-of message needs.
+sequences are numpy arrays. Functions `..._fields` return a message's fields by name, for those that write it.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ TYPES = {
     "/pedestrian/odometry": "nav_msgs/msg/Odometry",
     "/pedestrians/odometry": "nav_msgs/msg/Odometry",
 }
-"""Topics that can be written without ROS; all topics stand in `vpsci_ros.nodes.topics`."""
+"""Topic -> type, of the bags that are written without ROS; `vpsci_ros.nodes.topics` lists all topics."""
 
 
 @cache
@@ -46,7 +45,7 @@ def own_definition(message: str) -> str:
 def sequences(definition: str) -> dict[str, str]:
     """Return the sequences of numbers in a message definition, in its order: name -> type, such as "float64".
 
-    :param definition: also one of a bag, behind which, after a line of "=", stand those of the messages in it.
+    :param definition: may be that of a bag, to which definitions of nested messages are appended after a line of "=".
     """
     lines = (line.partition("#")[0] for line in definition.partition("\n====")[0].splitlines())
     fields = [line.split()[:2] for line in lines if "[]" in line]
@@ -62,7 +61,7 @@ _STATE = _shapes("WorldState", EPISODE)
 _EVENT = _shapes("EpisodeEvent", EVENT)
 _TRANSITION = _shapes("Transition", TRANSITION)
 _AFTER = {name: _TRANSITION.pop(name) for name in tuple(_TRANSITION) if name.startswith("next_")}
-"""Fields that only the last step of a history has: the others find them in the next transition."""
+"""Fields that a message has only for the last step of a history; earlier steps find them in the next transition."""
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
@@ -150,9 +149,9 @@ def assessment(message: Any, tick: Tick) -> Assessment:
 
 
 def action(message: Any, batch: int, where: str) -> Array:
-    """Return the accelerations [m/s2] of an AgentAction as float64[B, 2].
+    """Return the accelerations [m/s2] of an AgentAction, longitudinal and lateral, as float64[B, 2].
 
-    :raises InvalidInput: not one pair of numbers per episode.
+    :raises InvalidInput: not one pair of numbers per slot.
     """
     pairs = np.empty((batch, 2))
     for column, name in enumerate(("longitudinal", "lateral")):
@@ -197,7 +196,10 @@ def motion(message: Any, agent: str) -> PlanarMotion:
 
 
 def _records(message: Any, shapes: dict[str, tuple[int, ...]], into: Array, where: str) -> Array:
-    """Fill fields of records, by name -> shape in one record, from the sequences of a message."""
+    """Fill records' fields, by name -> shape in one record, from the sequences of a message; return the records.
+
+    :raises InvalidInput: a sequence is missing, or has another length than the records need.
+    """
     for name, shape in shapes.items():
         field = getattr(message, name, None)
         if field is None:

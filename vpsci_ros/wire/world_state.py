@@ -40,10 +40,10 @@ class StateContent(NamedTuple):
 def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> StateContent:
     """Return the content of a serialized WorldState; values that no world can send are refused.
 
-    :param where: the topic, which opens the message.
+    :param where: the topic, which opens the error message.
     :param definition: of the type, where the bytes are of a bag, which holds it; empty: this package's.
     :raises InvalidInput: the bytes are not as ROS writes them or of another version, the sequences differ in length or
-        are empty, an unknown status, or a number that is not finite or beyond `FARTHEST`.
+        are empty, an unknown status, or a quantity of `_MOTION` that is not finite or beyond `FARTHEST`.
     """
     if definition:
         _require_own(definition, where)
@@ -93,7 +93,7 @@ def warm_up() -> None:
 
 @cache
 def _fields() -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the sequences of a WorldState: names, bytes of a value, its places in EPISODE records."""
+    """Return the sequences of a WorldState: names, bytes of a value, and offsets of the value in EPISODE records."""
     sequences = layout.sequences(layout.own_definition("WorldState"))
     offsets = {name: int(field[1]) for name, field in dict(EPISODE.fields or {}).items()}
     sizes = np.array([np.dtype(kind).itemsize for kind in sequences.values()])
