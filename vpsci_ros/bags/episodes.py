@@ -35,7 +35,7 @@ class BagEpisode:
     :ivar slot: its index in the arrays of the messages, of several pedestrians the first one's.
     :ivar start_tick, end_tick, start_time, end_time: first and last tick, and their times in the bag [ns].
     :ivar outcome: "collision", "goal" or "timeout"; "none" where the bag does not say.
-    :ivar least_curvttc: [s], of several pedestrians the least one.
+    :ivar least_curvttc: [s], of several pedestrians the least one; infinite if no contact was ever predicted.
     :ivar first_file, file: where it begins and where it ends; empty where no record says so.
     """
 
@@ -113,7 +113,7 @@ class EpisodeLog:
 def bag_episodes(bag: Bag) -> list[BagEpisode]:
     """Return the episodes of a bag that ended in it, in the order of their ends.
 
-    :raises InvalidInput: the bag is not whole, or none of a vehicle and a pedestrian.
+    :raises InvalidInput: the bag is damaged, or has no states of a vehicle and a pedestrian.
     """
     found = [BagEpisode.from_record(values) for name, values in bag.records() if name == EPISODE_RECORD]
     return found or list(_from_ticks(bag))
@@ -143,7 +143,7 @@ def _from_ticks(bag: Bag) -> Iterator[BagEpisode]:
 def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
     """Return the episode with a name such as "12" or "6:12".
 
-    :raises InvalidInput: not of that form, none, or more than one with that number.
+    :raises InvalidInput: not of that form, no such episode, or one with that number in several scenarios.
     """
     found = [episode for episode in episodes if _matches(episode, text)]
     if not found:

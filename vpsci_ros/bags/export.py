@@ -45,7 +45,7 @@ def export_bag(
     :param folder: output folder; must be new or empty.
     :param console: prints how many frames lack a state or its CurvTTC.
     :param episodes, outcome, curvttc_below: only these episodes, see `vpsci_ros.bags.episodes.choose`, and all of them:
-        filters that are not given then let everything pass, and those that never were critical go to `rejected/`.
+        `KEEP_ALL` replaces filters that are not given, and episodes without any CurvTTC go to `rejected/`.
     :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
     """
     console = console or Console()

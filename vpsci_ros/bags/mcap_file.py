@@ -1,4 +1,4 @@
-"""One MCAP file, read by its index if it is complete, otherwise from front to back.
+"""One MCAP file, read by its index if the index is complete, otherwise from front to back.
 
 `mcap` reads and unpacks. The checksums over the data and over the index are compared here, since no reader does it:
 of 200 copies of a bag with one flipped bit, rosbags' reader took 88 for whole and gave other messages for 17 of them,
@@ -49,7 +49,7 @@ McapMessage = tuple[Schema, Channel, Message]
 
 
 class McapFile:
-    """The messages of one file in the order of writing.
+    """One MCAP file: its topics, text records and messages.
 
     :param strict: refuse a file that is not complete and whole, instead of noting what is wrong with it.
     :ivar damage: what was found wrong while reading, one sentence each.
@@ -106,7 +106,7 @@ class McapFile:
 
     @cached_property
     def _index(self) -> Summary | None:
-        """The index of the file, all of which was then checked; None where it is not complete or (not strict) not used.
+        """The index of the file, whose checksums were compared; None where it is not complete or (not strict) not used.
 
         Recorders may leave parts of the index out: what is not listed may be in the file all the same.
         """
@@ -247,7 +247,7 @@ class McapFile:
 
 
 def _covers(summary: Summary) -> bool:
-    """Whether a file's index lists all types, topics, chunks, messages of chunks and text records of the file."""
+    """Return whether a file's index lists all its types, topics, chunks, messages of chunks and text records."""
     counts, chunks = summary.statistics, summary.chunk_indexes
     if counts is None or not chunks:
         return False
@@ -307,7 +307,7 @@ def _topic(channel: Channel, schema: Schema | None, count: int, first: int, last
 
 
 def latched(channel: Channel) -> int:
-    """Return the number of messages that a topic's publishers keep for late subscribers.
+    """Return the number of messages that a topic's publishers keep for late subscribers; 0 for a topic not latched.
 
     A bag has a profile for each publisher; older recorders write the durability as rmw's number, 1.
     """

@@ -1,9 +1,9 @@
 """Ticks from odometry of a car and a pedestrian, recorded by any ROS 2 tool.
 
-Messages of equal header stamps belong together; where the stamps of the two never agree, the pedestrian's message
-nearest in time is taken. There is no telling where an episode began or how it ended, so a new one is taken to begin
-where the stamps make a gap or either of them a jump, and its outcome is unknown. CurvTTC is computed again, with the
-sizes that the safety monitor has by default.
+Each message of the car is paired with the pedestrian's message of the nearest header stamp, and left out if that is
+more than `APART` away. Where an episode began and how it ended is not recorded: one is taken to begin where the stamps
+have a gap or either agent jumps, and its outcome is unknown. CurvTTC is computed again, with the sizes that the safety
+monitor has by default.
 """
 
 import itertools
@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 
 def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
-    """Yield the ticks of a bag with odometry of both agents; none without it.
+    """Yield the ticks of a bag with odometry of both agents; none if the odometry of either is missing.
 
     :raises InvalidInput: another type on these topics, or a message that cannot be read.
     """
@@ -56,7 +56,7 @@ def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
 
 
 def _tracks(bag: Bag) -> list[Floats]:
-    """Return of each float64[n, 7]: stamp [s], x, y [m], course [rad], speed [m/s], yaw rate [rad/s], log time.
+    """Return a track of each agent, float64[n, 7]: stamp [s], x, y [m], course [rad], speed, yaw rate [rad/s], log time.
 
     Log times are [ns] since `Bag.begin`: float64 does not hold those since 1970 to the nanosecond.
     """
@@ -73,7 +73,7 @@ def _tracks(bag: Bag) -> list[Floats]:
 
 
 def _paired(vehicle: Floats, pedestrian: Floats) -> tuple[Floats, Floats]:
-    """Return of each the rows that belong together."""
+    """Return the vehicle's rows with a pedestrian's row within `APART`, and the nearest pedestrian's row of each."""
     after = np.clip(np.searchsorted(pedestrian[:, 0], vehicle[:, 0]), 1, max(len(pedestrian) - 1, 1))
     before, after = after - 1, np.minimum(after, len(pedestrian) - 1)
     earlier = np.abs(pedestrian[before, 0] - vehicle[:, 0]) <= np.abs(pedestrian[after, 0] - vehicle[:, 0])

@@ -24,8 +24,8 @@ class Bag:
 
     :param path: a rosbag2 folder, with or without its metadata.yaml, or one of its files.
     :param recover: read what is whole of a bag that was not closed, is damaged or lacks files, instead of refusing it.
-    :param topic_prefix: of the graph's topics, such as "/left" of a graph in that namespace, which topics are then
-        called without; None: found from their names.
+    :param topic_prefix: namespace of the graph to read, such as "/left", which is removed from the names of its
+        topics; None: found from their names.
     :ivar path: as given.
     :ivar files: its files in the order of recording.
     :raises InvalidInput: no such bag, or (unless `recover`) metadata.yaml lists a file that is not there.
@@ -54,7 +54,7 @@ class Bag:
     def topics(self) -> dict[str, TopicInfo]:
         """Return the bag's topics by name.
 
-        :raises InvalidInput: a file is not what its name says, or (unless `recover`) not whole.
+        :raises InvalidInput: a file is no MCAP file, (unless `recover`) is damaged, or no topic has the prefix.
         """
         return by_name(replace(row, name=self._plain[name]) for name, row in self._named.items() if name in self._plain)
 
@@ -182,7 +182,7 @@ def bag_information(path: Path) -> dict[str, Any]:
 
 
 def _number(file: Path) -> tuple[str, int]:
-    """Sort bag_10.mcap after bag_9.mcap."""
+    """Return the key that sorts bag_10.mcap after bag_9.mcap: the name without its last number, and this number."""
     found = re.fullmatch(r"(.*?)(\d*)", file.stem)
     assert found is not None
     return found[1], int(found[2] or 0)

@@ -43,7 +43,7 @@ def repair_bag(folder: str | Path) -> Repair:
     Each file is written beside and renamed, metadata.yaml comes last: whenever this is interrupted, the bag is as it
     was or can be repaired again.
 
-    :raises InvalidInput: no bag, one without a single whole message, or one that is being recorded.
+    :raises InvalidInput: no folder of a bag, no whole message in it, or a bag that is being recorded.
     """
     paths = bag_files(folder)
     with contextlib.closing(FolderLock(paths[0].parent)):

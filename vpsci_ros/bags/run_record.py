@@ -1,8 +1,8 @@
 """How a bag was made: parameters of the nodes, hashes of weights and scenarios, versions; text records in the bag.
 
 `vpsci_node` (a node's name, its parameters as JSON, the SHA-256 of its weights file), `vpsci_weights` (version and
-SHA-256 of weights that a learner published), `vpsci_software` (versions, kind of CPU, SHA-256 of scenario files), and
-`vpsci_ros` at the end of each file (messages seen and written).
+SHA-256 of weights that a learner published), `vpsci_software` (versions, kind of CPU, SHA-256 of scenario files),
+`vpsci_scenario` (a scenario that is not the paper's), and `vpsci_ros` at the end of each file (messages seen, written).
 """
 
 import json
@@ -32,7 +32,7 @@ class BagRun:
     :ivar refreshes: of weights that a learner published: their version and SHA-256.
     :ivar software: package -> version, and "cpu".
     :ivar scenario_files: name -> SHA-256.
-    :ivar own_scenarios: name -> what a scenario is made from that is not the package's own.
+    :ivar own_scenarios: name -> document of a scenario that is not the paper's.
     :ivar totals: the last record of a file: "messages_seen", "messages_written", "seen" and "written" by topic, ...
     """
 
@@ -45,7 +45,7 @@ class BagRun:
     totals: dict[str, str] = field(default_factory=dict)
 
     def count(self, what: str) -> dict[str, int]:
-        """Return the numbers of "seen" or "written" messages by topic; empty if the bag was not closed."""
+        """Return the numbers of "seen", "written" or "refused" messages by topic; empty if the bag was not closed."""
         return {topic: int(count) for topic, count in json.loads(self.totals.get(what, "{}")).items()}
 
 

@@ -36,9 +36,9 @@ def write_ticks(
     """Write the ticks of one episode after another as a bag and return the number of ticks.
 
     :param custom_data: goes into its metadata.
-    :param nodes: records of `vpsci_ros.bags.run_record.node_record`, from which `vpsci bag verify` makes the bag again.
+    :param nodes: records of `vpsci_ros.bags.run_record.node_record`, which `vpsci bag verify` needs.
     :param scenarios: of the episodes.
-    :raises InvalidInput: `bag` is not empty.
+    :raises InvalidInput: `bag` is not empty, or another process writes into it.
     """
     topics = [BagTopic(name, kind, *describe(kind)) for name, kind in layout.TYPES.items()]
     writer = BagWriter(bag, topics)

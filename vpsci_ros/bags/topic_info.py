@@ -36,7 +36,7 @@ class TopicInfo:
 
     @property
     def rate(self) -> float:
-        """Messages per second of log time; 0 for fewer than two messages."""
+        """Messages per second of log time; 0 if there are not two messages at different times."""
         return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else 0.0
 
 

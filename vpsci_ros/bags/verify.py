@@ -1,9 +1,9 @@
 """Verification of a bag: its episodes are simulated again in this process and compared bit by bit.
 
-Every message of the world, its events among them, the safety monitor and the policies is compared, field by field, and
-each must be there once. Answers that the world did without, because a node was late or away, are known from the events
-in the bag and left out here as well. What could not be compared is named. A parameter that this
-version lacks is passed over: one that mattered shows as a difference.
+Messages of `/world/state`, `/episode/event`, `/safety/state` and the policies' actions are compared, field by field; a
+second one for a tick is a difference, a missing one is named. Answers that the world did without, because a node was
+late or away, are known from the events in the bag and left out here as well. What could not be compared is named. A
+parameter that this version lacks is passed over: one that mattered shows as a difference.
 """
 
 import itertools
@@ -69,7 +69,7 @@ def verify_bag(bag: str | Path | Bag, *, weights: str = "") -> VerifiedBag:
     """Simulate the episodes of a bag again and compare the messages of world, monitor and policies at every tick.
 
     :param weights: a weights file, or a shipped name, to take in place of the one that the bag names.
-    :raises InvalidInput: no bag, or one that cannot be simulated again: why is said.
+    :raises InvalidInput: no bag, or one that cannot be simulated again, for the reason in the message.
     """
     bag = opened(bag)
     simulation = _Simulation(bag, bag_run(bag), weights)
@@ -245,7 +245,7 @@ class _Simulation:
         return simulated
 
     def interrupted(self, following: Messages) -> bool:
-        """Whether the recorded world began another episode in a slot whose episode had not ended: it was reset."""
+        """Return whether the recorded world was reset: it began an episode in a slot whose episode had not ended."""
         status = self._loop.world.state["status"]
         begun = [rows["slot"][rows["kind"] == STARTED] for rows in following.get(EVENTS, ())]
         return any(bool((status[slots] == RUNNING).any()) for slots in begun)

@@ -28,7 +28,7 @@ BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 
 @dataclass
 class BagTopic:
-    """One topic of a bag: its type ("vpsci_msgs/msg/WorldState"), definition, hash, and QoS as rosbag2 writes it.
+    """One topic of a bag: its type ("vpsci_msgs/msg/WorldState"), definition, hash, whether it is latched, and counts.
 
     `seen` counts the messages that came, `messages` those that were written, `refused` those that could not be read.
     """
@@ -199,7 +199,7 @@ class BagWriter:
         self._file.close()
 
     def _totals(self) -> dict[str, str]:
-        """Messages that came, were written and, if any, refused, over all files so far, together and by topic."""
+        """Return, as texts, the numbers of messages seen, written and, if any, refused so far: in all and by topic."""
         rows = self.topics.values()
         counted = {name: {topic.name: getattr(topic, field) for topic in rows} for name, field in COUNTS.items()}
         by_topic = {name: count for name, count in counted.items() if name != "refused" or any(count.values())}
