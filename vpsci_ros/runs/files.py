@@ -107,7 +107,7 @@ def is_empty_folder(path: Path) -> bool:
 def require_empty_folder(path: str | Path) -> Path:
     """Return the empty folder `path`, created if it did not exist; refuse a folder that is not empty.
 
-    :raises InvalidInput: it exists and holds anything, or is not a folder.
+    :raises InvalidInput: it exists and holds anything but `FAILURE`, or is not a folder.
     """
     path = Path(path)
     if path.exists() and not path.is_dir():

@@ -6,8 +6,8 @@ Numba keeps compiled code on disk and looks only at the file in which a function
 kernel after an edit to a function that the kernel calls from another file. Here every state of the sources has its
 own folder, and folders of earlier states of the same installation are removed.
 
-What numba keeps there are pickles, which can run anything where they are loaded: the folder is the user's own, with
-mode 0700, and one that others can write to is not used.
+What numba keeps there are pickles, which can run anything where they are loaded: the folder is the user's own and gets
+mode 0700; the folder of another user is not used.
 """
 
 import hashlib
@@ -47,7 +47,7 @@ def choose_cache_folder() -> Path | None:
 
 
 def _digest() -> str:
-    """Return a hash of every source file that a kernel's code can come from: rooms below the kernels, and kernels."""
+    """Return a hash of every source file that a kernel's code can come from: those of `_ROOMS`, and all with njit."""
     digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*.py")):
         text = path.read_bytes()

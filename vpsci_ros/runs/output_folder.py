@@ -60,8 +60,8 @@ def output_folder(path: Path) -> Iterator[None]:
     """Lock the folder that a command writes, and mark the folder if the command fails.
 
     The mark, `FAILURE` with the reason, is written where no record describes the failure, and removed when the same
-    command succeeds, with what an earlier one left half written when it was killed. A folder that stays empty is
-    removed again.
+    command succeeds, with what an earlier one left half written when it was killed. Refused input leaves no mark in a
+    folder that held something before. A new folder that stays empty is removed again.
 
     :raises InvalidInput: see `FolderLock`.
     :raises VpsciError: the folder was deleted or moved meanwhile.

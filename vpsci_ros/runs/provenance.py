@@ -11,7 +11,7 @@ _PACKAGES = ("numpy", "numba", "torch", "polars", "safetensors", "mcap", "rosbag
 
 
 def software_versions() -> dict[str, str]:
-    """Return the versions of Python, this package and the packages its results depend on (absent ones left out)."""
+    """Return the machine type, and versions of Python, this package and installed packages its results depend on."""
     versions = {"python": platform.python_version(), "machine": platform.machine(), "vpsci_ros": __version__}
     for name in _PACKAGES:
         with contextlib.suppress(PackageNotFoundError):

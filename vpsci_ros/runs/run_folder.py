@@ -1,8 +1,8 @@
 """The folder of a run: its parameters and the record of inputs and outputs.
 
 `params.yaml` is there from the start, resolved, in the layout of a parameter file, so that the same command reproduces
-the run from it. `run.json` is there from the moment that it ends or is stopped. `vpsci graph` leaves files
-of the same names.
+the run from it. `run.json` is written when the run ends, fails or is stopped. `vpsci graph` leaves files of the same
+names.
 """
 
 import time

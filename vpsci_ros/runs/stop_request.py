@@ -64,7 +64,7 @@ def stop_requested_by_signals(*, to_the_end: bool = False) -> Iterator[StopReque
 
     In another thread than the main one, to which signals do not go, nobody makes it.
 
-    :param to_the_end: the process ends behind the block; no signal is to cut that short, or to become its exit status.
+    :param to_the_end: the process ends after the block; SIGINT and SIGTERM are ignored from then on.
     """
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():

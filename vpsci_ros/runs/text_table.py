@@ -11,7 +11,7 @@ from rich.table import Table
 def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Padding:
     """Return a table with an empty line below; the first column is left-aligned, the others right-aligned.
 
-    :param rows: their cells; None sets what follows apart.
+    :param rows: their cells; None begins another section of the table.
     """
     view = Table(box=box.SIMPLE_HEAD, title=escape(title) or None, title_justify="left", padding=(0, 1, 0, 0))
     view.show_edge = view.pad_edge = False

@@ -86,6 +86,7 @@ class Processes(Generic[Unit, Result]):
         """Wait until one or more units are finished, and return them with their results.
 
         :raises VpsciError: processes die again and again.
+        :raises Exception: what a unit raised in its process.
         """
         found: list[tuple[Unit, Result]] = []
         while not found:
@@ -176,7 +177,7 @@ def computed(
 
 
 def _work(connection: Connection, parent: int) -> None:
-    """Do the units that come, in a process of its own."""
+    """Be a worker process: receive the job, then compute one unit after another until the parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to deal with
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     try:
