@@ -119,7 +119,7 @@ def bag(
         list[str], typer.Option("--episode", metavar="SCENARIO:COUNT", help="An episode, say 6:12; repeatable.")
     ],
 ) -> None:
-    """Simulate chosen episodes of a dataset again and write them as a bag (rosbag2, MCAP) with a graph's topics."""
+    """Simulate chosen episodes of a dataset again; write states, CurvTTC, actions and odometry as a bag (MCAP)."""
     from vpsci_ros.generate.bag import record_episodes
 
     chosen = []

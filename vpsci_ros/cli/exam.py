@@ -104,9 +104,9 @@ def examined_sections(
 
 @contextlib.contextmanager
 def _demanded(report: Path) -> Iterator[None]:
-    """Demand the report of whatever runs in the `with` block: added code that ends the program is no success.
+    """Raise if the `with` block ends without the exam's report, as when code of another package ends the program.
 
-    :raises VpsciError: it ends without one.
+    :raises VpsciError: there is no report, or the block raised SystemExit.
     """
     try:
         yield

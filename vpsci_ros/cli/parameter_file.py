@@ -85,7 +85,7 @@ def stage_of(sections: Mapping[str, Mapping[str, Any]]) -> Stage:
 
 
 def _unread(stage: Stage, section: str, values: Mapping[str, Any]) -> list[str]:
-    """Return a text for each parameter of a section that this stage does not read but another stage does."""
+    """Return a text for each parameter of a section that only other stages read, or that this stage sets itself."""
     texts = []
     known = stage.reads(section)
     for name in values:
