@@ -56,7 +56,7 @@ def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
 
 
 def _tracks(bag: Bag) -> list[Floats]:
-    """Return a track of each agent, float64[n, 7]: stamp [s], x, y [m], course [rad], speed, yaw rate [rad/s], log time.
+    """Return each agent's float64[n, 7]: stamp [s], x, y [m], course [rad], speed [m/s], yaw rate [rad/s], log time.
 
     Log times are [ns] since `Bag.begin`: float64 does not hold those since 1970 to the nanosecond.
     """
