@@ -32,7 +32,7 @@ _VEHICLES, _WALKERS = frozenset({"car", "van", "bus", "truck"}), frozenset({"ped
 
 
 def vpsci(folder: Path) -> Iterator[Clip]:
-    """Yield a clip for each episode of the authors' dataset, in the order of scenario and number.
+    """Yield a clip for each episode of the authors' dataset: those that the filters keep, then the rejected ones.
 
     CurvTTC is computed again from the motion, as for every import; that of the file is what `vpsci published` keeps.
     """
@@ -56,7 +56,7 @@ def _clip(episode: Episode) -> Clip:
 
 
 def _closed(values: Floats) -> Floats:
-    """Return float64[T] with straight lines between the frames that somebody saw."""
+    """Return float64[T] with straight lines between the frames that have a value; zeros if none has."""
     seen = np.flatnonzero(~np.isnan(values))
     return np.interp(np.arange(len(values)), seen, values[seen]) if len(seen) else np.zeros(len(values))
 

@@ -35,8 +35,8 @@ _PAIR = ["count", "walker"]
 def convert(source: Path, output: Path) -> None:
     """Write the authors' files as a dataset of this package, with kept and rejected episodes.
 
-    Every episode goes through the filters of section 3.3 once more. A file whose tracks lie on another road than that
-    of its name gets "_elsewhere" after it, so that nothing is drawn on a road that is not its own.
+    Every episode goes through the filters of section 3.3 once more. If the tracks of a file lie on another road than
+    its name says, its scenario gets that name with "_elsewhere", so that nothing is drawn on a wrong road.
 
     :param source: folder of their CSV files, or one of them.
     :param output: new or empty folder.
@@ -60,7 +60,7 @@ def convert(source: Path, output: Path) -> None:
 
 
 def published_files(path: Path) -> list[Path]:
-    """Return the CSV files of a folder that begin with columns of Table 7, or `path` itself if it is one."""
+    """Return the CSV files of a folder whose headers have columns of Table 7, or `path` itself if it is such a file."""
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path] if path.suffix == ".csv" else []
     return [file for file in files if file.is_file() and {"count", "position_x_av"} <= set(_header(file))]
 
@@ -75,7 +75,7 @@ def canonical(path: Path) -> pl.DataFrame:
     """Return a file's rows in the form of `vpsci generate`: y north, frames from 0, one pedestrian after another.
 
     :raises InvalidInput: a column is missing, a value is no number, a frame comes twice, an episode has two vehicles,
-        or positions, velocities, times and distances contradict each other, or nobody turns.
+        an episode is too long, positions, velocities, times and distances contradict each other, or nobody turns.
     """
     rows = _read(path)
     walkers = pl.col("ped_id").rank("dense").over("count").cast(pl.Int64) - 1
@@ -143,7 +143,7 @@ def _read(path: Path) -> pl.DataFrame:
 
 
 def _check_units(rows: pl.DataFrame, path: Path) -> None:
-    """Refuse frame rates and units by which they come further, or less far, than they move, or stand further apart."""
+    """Refuse rows whose positions contradict, in the median, their speeds at 20 frames a second, or their distances."""
     seconds = (pl.col("frame").shift(-1) - pl.col("frame")).over(_PAIR) * PERIOD
     for end in ("av", "ped"):
         way = [
@@ -191,7 +191,7 @@ def _turn(rows: pl.DataFrame, path: Path) -> float:
 
 
 def _off_the_lane(rows: pl.DataFrame, scenario: Scenario) -> float:
-    """Return how far vehicles are from the scenario's lane [m], the median of some rows."""
+    """Return how far vehicles are from the scenario's lane [m]: the median of about 500 rows, evenly drawn."""
     some = rows.drop_nans("position_x_av").gather_every(max(1, rows.height // 500)).select(QUANTITIES[:2]).to_numpy()
     path = scenario.vehicle.path
     return float(np.median([abs(path.locate(x, y)[1]) for x, y in some.tolist()]))

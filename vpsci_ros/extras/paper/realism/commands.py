@@ -63,8 +63,8 @@ def realism(
     """Print likeness to people: energy score, likelihood, and a classifier's AUC of simulated against recorded.
 
     All start at the same recorded onsets: the shipped weights and --weights,
-    the recording, constant velocity, social force, and residuals of similar
-    onsets. --dataset adds free simulation. Use --held-out, or recordings on
+    the recording, constant velocity, constant turn, social force, and
+    residuals of similar onsets. --dataset adds free simulation. Use --held-out, or recordings on
     which the weights were not trained. With -o the same command resumes a
     stopped run.
 

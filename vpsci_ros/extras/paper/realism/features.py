@@ -1,4 +1,4 @@
-"""The classifier's features of a trajectory: about forty, from positions smoothed over 0.9 s.
+"""The classifier's 46 features of an interaction, from positions smoothed over 0.9 s.
 
 Camera noise and gait would give any simulation away at once. So positions are smoothed by lines over 0.9 s,
 and what that takes away from recordings of *other* clips of the same source is added to every simulation, in place of

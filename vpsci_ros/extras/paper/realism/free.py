@@ -1,7 +1,7 @@
 """Protocol B: comparison of freely simulated critical episodes with recorded near misses, from the onset on.
 
-Both become the same table, at steps of 0.1 s, and go through the same lines. Episodes that the dataset's filters
-rejected belong to it, too: generate it with `dataset.keep_rejected=true`.
+Both become the same table, at steps of 0.1 s, and go through the same code. Episodes that the dataset's filters
+rejected count, too: generate it with `dataset.keep_rejected=true`.
 """
 
 from typing import Any

@@ -25,7 +25,8 @@ _HALF_SECOND = 5  # steps
 def long_run(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int) -> dict[str, Any]:
     """Return shares and quantiles of recorded and of generated episodes, as [value, low, high] of a 95% interval.
 
-    Intervals resample `units_of` the recorded side; of the generated side scenarios are few, so its interactions.
+    Intervals resample `units_of` the recorded side, and single interactions of the generated side, whose scenarios are
+    few.
 
     :param recorded: near misses of whole tracks; generated: `free.as_near_misses`.
     """
@@ -104,7 +105,7 @@ def spells_of(critical: NDArray[np.bool_]) -> int:
 
 
 def _braking(speed: Floats) -> float:
-    """Return the strongest mean deceleration [m/s2] over half a second."""
+    """Return the strongest mean deceleration [m/s2] over half a second; 0 for a shorter track."""
     if len(speed) <= _HALF_SECOND:
         return 0.0
     return float((speed[:-_HALF_SECOND] - speed[_HALF_SECOND:]).max() / (_HALF_SECOND * STEP))

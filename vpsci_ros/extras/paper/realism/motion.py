@@ -1,6 +1,6 @@
 """Motion from positions: speeds, accelerations, headings, turns, clearance, CurvTTC.
 
-Recordings and simulations go through the same lines, from positions alone, so that no difference between published
+Recordings and simulations go through the same code, from positions alone, so that no difference between published
 speeds and positions is taken for one of behaviour. Give `smoothed` positions: the second differences of recorded
 ones are mostly noise.
 """
@@ -76,7 +76,7 @@ def with_onset(positions: Floats, start: Floats) -> Floats:
 
 
 def motion(path: Floats, start: Floats, size: Floats) -> Motion:
-    """Derive the quantities of positions that begin at the onset, float64[n, K, 2, T + 1, 2] [m].
+    """Return the motion of positions that begin at the onset, float64[n, K, 2, T + 1, 2] [m].
 
     :param start: float64[n, 9], the onset, rows as in `Interactions.motion`.
     :param size: float64[n, 2], length and width of the vehicle [m].

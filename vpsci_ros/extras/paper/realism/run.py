@@ -59,7 +59,7 @@ def measure_realism(
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
-    :param clean: only interactions whose vehicle drives and whose onset was seen (`vpsci_ros.data.reference.clean`).
+    :param clean: only interactions with a driving vehicle, a seen onset and paths that meet (`data.reference.clean`).
     :param seed: of everything that is drawn.
     :param dataset: generated episodes, for B; `episodes` of them at most, the same number of each scenario.
     :param repetitions: of the classifier's test from the same start, with draws and folds of their own.

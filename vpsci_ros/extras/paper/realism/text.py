@@ -1,4 +1,4 @@
-"""The measures of realism as text: one table a protocol, in 100 columns."""
+"""The measures of realism as text: two tables of Protocol A (same start), and one of Protocol B (free simulation)."""
 
 from typing import Any
 

@@ -3,7 +3,7 @@
 The unit of sampling is the clip for recorded near misses (the group where clips are few: `statistics.units_of`), and
 the episode for generated ones; intervals resample these. The paper tests the difference of the two distributions by
 Kolmogorov and Smirnov, as if all interactions were independent; recorded ones are not, so no p-value is given here.
-What says more is what D comes to between two halves of the recorded clips: the same people differ by that much.
+The same distance D between two halves of the recorded clips says more: the same people differ by that much.
 """
 
 from collections.abc import Iterator
@@ -65,7 +65,7 @@ def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame) -> dict[st
 def between_halves(recorded: pl.DataFrame) -> dict[str, dict[str, float]]:
     """Return `ks` and `wasserstein` [s] between random halves of the recorded clips: median and 95% interval.
 
-    NaN where there is a single clip.
+    Clips are the values of column `group` (groups, where clips are few); NaN where there is a single value.
     """
     owner, least = _owners(recorded), recorded["least_curvttc"].to_numpy()
     count, rng = int(owner.max()) + 1, np.random.default_rng(0)

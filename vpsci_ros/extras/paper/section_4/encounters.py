@@ -45,7 +45,8 @@ def generated_encounters(data: Dataset) -> pl.DataFrame:
 def recorded_encounters(near_misses: pl.DataFrame) -> pl.DataFrame:
     """Return a near-miss table as a table of `SCHEMA`, a row an interaction; vehicles have their source's size.
 
-    The onset is that of CurvTTC as known at the step. Who yielded is classified on the whole tracks.
+    The onset is that of CurvTTC as known at the step, where that ever becomes critical. Who yielded is classified on
+    the whole tracks. Interactions that never become critical have no row.
     """
     parts = near_misses.partition_by("interaction", maintain_order=True)
     causal = (part["curvttc_causal"].to_numpy() for part in parts)

@@ -27,7 +27,7 @@ _BAND = 0.25  # [s] of the histogram
 
 
 class Axis(NamedTuple):
-    """A column of `encounters.SCHEMA`, its name in a picture, and its bins: first, last and width."""
+    """A column of `encounters.SCHEMA`, its name in a picture, and its bins: first and last bound, and width."""
 
     column: str
     label: str

@@ -113,7 +113,7 @@ class Agreement:
 
 
 def agreement(table: pl.DataFrame) -> Agreement:
-    """Compare the measures on a near-miss table.
+    """Return how far the measures agree on the interactions of a near-miss table.
 
     :param table: columns of `vpsci_ros.data.near_misses.NEAR_MISS_COLUMNS`.
     """

@@ -42,8 +42,9 @@ def save_snapshots(episodes: Sequence[tuple[str, Episode]], path: str | Path) ->
 def moments(pair: Episode) -> tuple[tuple[int, int, int, int], tuple[float, float]]:
     """Return the frames of the four stages, and the picture's centre [m]: between both agents at the third stage.
 
-    They are 1 s before CurvTTC falls below 5 s, then, at its least, and when both are within the picture for the last
-    time. An episode that never is critical has its least CurvTTC, or least distance, in the place of the first ones.
+    The stages: 1 s before CurvTTC falls below 5 s, when it falls below, at its least, and when both agents are within
+    the picture for the last time. In an episode that is never critical, the least CurvTTC (or, without any, the least
+    distance) stands for the fall below 5 s.
     """
     ttc = pair.known_curvttc[0]
     least = int(ttc.argmin()) if np.isfinite(ttc).any() else int(pair.distance[0].argmin())

@@ -23,8 +23,8 @@ _NUMBERS = "①②③④⑤⑥⑦⑧"
 def typical_episodes(data: Dataset) -> list[tuple[str, Episode]]:
     """Return title and episode for each scenario of a dataset that has a kept episode.
 
-    Taken is, among the episodes with the scenario's most frequent kind of yielding (none at all only where there is
-    nothing else), the one whose least CurvTTC lies nearest to their median; looked for among the first `MOST`.
+    Of a scenario's first `MOST` kept episodes, those with the most frequent kind of yielding are taken (nobody yields:
+    only if nobody ever does), and of these the one whose least CurvTTC lies nearest to their median.
 
     :raises InvalidInput: not a single episode was kept.
     """

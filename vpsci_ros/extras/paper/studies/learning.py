@@ -62,7 +62,7 @@ def sample_size_study(
     the deviations of the whole table, so that sizes compare. Rewards in training use those of the subset.
 
     :param report: called with the configuration's name (the size) and what `pretrain` reports.
-    :raises InvalidInput: a size exceeds the number of interactions, or `out_dir` holds another study.
+    :raises InvalidInput: a size is not from 2 to the number of interactions, or `out_dir` holds another study.
     """
     pool, kept_out = near_misses, near_misses.head(0)
     if config.held_out_fraction > 0:

@@ -125,12 +125,16 @@ class _Run:
     identity: dict[str, Any]
 
     def data_driven(self, report: Report) -> Path:
-        """Return the weights learned from recorded near misses."""
+        """Return the file of the weights learned from recorded near misses; train unless it exists."""
         once(self.folder, self.identity, dict)
         return self._trained(self.folder / WEIGHTS, self.table, self.config, report=report)
 
     def hybrid(self, hybrid: Hybrid) -> Path:
-        """Return the weights that have learned on with simulation, half as many updates by smaller steps."""
+        """Return the file of the weights trained further with simulation; train unless it exists.
+
+        Models by reinforcement run stage 2; the others get half as many updates, at 0.3 times the step sizes, on
+        recorded and simulated near misses.
+        """
         folder, start = self.folder / "refined", load_weights(self.folder / WEIGHTS)
         once(folder, hybrid.identity() | {"weights": start.digest()}, dict)
         if not by_reinforcement(self.name):

@@ -194,7 +194,7 @@ def shares_of_ends(ends: Sequence[Mapping[str, int]]) -> dict[str, Any]:
 
 
 def _step_cost(weights: Weights, interactions: Interactions) -> float:
-    """Return the CPU time of one step of both actors of one interaction [us], of all of them side by side."""
+    """Return the CPU time [us] of one step of both actors an interaction, measured on all interactions in parallel."""
     model, count = PolicyPredictor(weights), len(interactions)
     model.begin(count)
     at = np.arange(count), interactions.first

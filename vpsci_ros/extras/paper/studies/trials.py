@@ -37,11 +37,11 @@ def try_steps(
     """Return the best of `factors` on the step sizes, as `factor`, and the error of each, as `ade`.
 
     Each learns on three quarters of the clips of `training` in a third of the updates, and is measured by its ADE in
-    closed loop [m] on the last quarter; one that is not finite is not chosen.
+    closed loop [m] on the last quarter; the least is chosen, never a NaN.
 
     :param check: called after every update.
     :raises InvalidInput: fewer than four clips, or the last quarter has no interaction of a second.
-    :raises ValueError: no factor's ADE is finite.
+    :raises ValueError: every factor's ADE is NaN.
     """
     learned, kept = folds_by_clip(training, PARTS, seed)[0]
     held_out = eligible(from_table(kept))

@@ -19,7 +19,7 @@ def icc_2k(ratings: Floats) -> tuple[float, float, float]:
     1979); the interval is McGraw and Wong's (Psychological Methods 1, 1996).
 
     :param ratings: float64[R, n], raters and clips, at least 2 of each.
-    :returns: NaN where nobody's judgements differ.
+    :returns: NaN where nobody's judgements differ; bounds of NaN where raters differ by constants alone.
     """
     raters, clips = ratings.shape
     of_raters, of_clips, residual = mean_squares(ratings)

@@ -36,7 +36,7 @@ class Answers:
 
 
 def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
-    """Read the raters' files.
+    """Return the answers in the raters' files, ordered by the key.
 
     :raises InvalidInput: a file is missing, not of this kit, incomplete, out of range, or a rater answered twice.
     """

@@ -49,7 +49,7 @@ class RatedClip:
 def draw_scenes(table: pl.DataFrame, count: int, seed: int) -> Onsets:
     """Return recorded onsets with a whole second before them, from as many recordings as possible.
 
-    Standing cars and tracks that begin critical are left out.
+    Standing cars, tracks that begin critical and paths that stay apart are left out.
 
     :raises InvalidInput: there are fewer than `count`.
     """
