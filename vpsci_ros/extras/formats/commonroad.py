@@ -50,7 +50,11 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
 
 
 def documents(episode: Episode, with_vehicle: bool) -> tuple[Scenario, PlanningProblem]:
-    """Return an episode as CommonRoad's scenario and planning problem."""
+    """Return an episode as CommonRoad's scenario and planning problem.
+
+    :param with_vehicle: add the vehicle as an obstacle with its trajectory.
+    :raises InvalidInput: see `movers` and `road_of`.
+    """
     road, (vehicle, *pedestrians) = road_of(episode), movers(episode)
     name = ScenarioID(
         country_id="ZAM",

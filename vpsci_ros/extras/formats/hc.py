@@ -29,7 +29,7 @@ _FEWEST = 4  # positions of a track
 def read_folder(folder: Path) -> Iterator[Clip]:
     """Yield a clip for each CSV file of a folder, sorted by name.
 
-    :raises InvalidInput: no such folder, no file in it, or a file that does not hold what it should.
+    :raises InvalidInput: no such folder, no CSV file in it, or a file without five columns of numbers.
     """
     files = sorted(folder.glob("*.csv")) if folder.is_dir() else []
     if not files:
@@ -41,7 +41,7 @@ HC = Importer(read_folder, length=4.5, width=1.8)
 
 
 def read_clip(path: Path) -> Clip:
-    """Read one file; pieces of at least 2 s become tracks on the 0.1 s grid.
+    """Return the clip of one file; pieces of at least 4 positions (1.5 s) become tracks on the 0.1 s grid.
 
     :raises InvalidInput: not five columns of numbers.
     """
@@ -86,7 +86,7 @@ def _track(number: int, times: Floats, place: Floats, kind: int) -> Track:
 def _heading(way: Floats) -> Floats:
     """Return the direction [rad] of the way [T, 2] of a second around each step, unwrapped.
 
-    While a vehicle stands its heading goes over into the next one.
+    While a vehicle stands its heading is interpolated to the next one; zeros if it never moves.
     """
     moving = np.flatnonzero(np.hypot(way[:, 0], way[:, 1]) > _MOVED)
     if moving.size == 0:

@@ -77,7 +77,7 @@ def _box(size: int) -> str:
 
 
 def demonstration(pair: Episode, agent: str) -> pa.Table:
-    """Return the T steps of one agent as T + 1 rows; in the last row only observation and infos have a meaning.
+    """Return one agent's T steps as a table of T + 1 rows; the last row's actions and rewards have no meaning.
 
     :raises InvalidInput: see `movers` and `tenths`.
     """

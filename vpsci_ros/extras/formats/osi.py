@@ -93,7 +93,7 @@ def ground_truths(episode: Episode) -> Iterator[GroundTruth]:
 
 
 def _columns(each: Mover, period: float) -> list[list[float]]:
-    """Return of each frame x, y, heading, velocity and acceleration, which a single frame does not have."""
+    """Return x, y, heading, velocity and acceleration (0 in an episode of one frame) of each frame."""
     heading = np.angle(np.exp(1j * each.heading))  # -pi to pi, as OSI has it
     rates = [np.gradient(v, period) if len(v) > 1 else np.zeros(len(v)) for v in (each.vx, each.vy)]
     rows: list[list[float]] = np.stack([each.x, each.y, heading, each.vx, each.vy, *rates], axis=1).tolist()

@@ -47,7 +47,7 @@ def _dump(content: dict[str, Any], path: Path) -> None:
 def record(episode: Episode) -> dict[str, Any]:
     """Return an episode as the dictionary of a ScenarioNet record.
 
-    :raises InvalidInput: see `tenths`.
+    :raises InvalidInput: see `tenths`, `movers` and `road_of`.
     """
     frames = tenths(episode)
     times = episode.time[frames].astype(np.float32)

@@ -38,6 +38,8 @@ def levelx(folder: Path) -> Iterator[Clip]:
 
     Source: https://levelxdata.com. Metres, y up, headings in degrees; classes and sizes are in tracksMeta, the frame
     rate in recordingMeta.
+
+    :raises InvalidInput: no such files, one of the three is missing, or a column or the frame rate is.
     """
     columns = {"id": "trackId", "frame": "frame", "class": "class", "x": "xCenter", "y": "yCenter"}
     columns |= {"vx": "xVelocity", "vy": "yVelocity", "heading": "heading", "length": "length", "width": "width"}
@@ -104,7 +106,7 @@ def read_clip(name: str, path: Path) -> Clip:
 
 
 def _frozen(table: pl.DataFrame) -> pl.Series:
-    """Return which rows repeat the position before, though the agent says that it moves."""
+    """Return, as bool[n], the rows that repeat the track's previous position although their velocity says it moves."""
     x, y, vx, vy = (pl.col(name).cast(pl.Float64, strict=False) for name in ("x", "y", "vx", "vy"))
     still = (x.diff().over("track_id") == 0.0) & (y.diff().over("track_id") == 0.0)
     moving = (vx**2 + vy**2).sqrt() > _FROZEN
@@ -112,7 +114,7 @@ def _frozen(table: pl.DataFrame) -> pl.Series:
 
 
 def _without_flips(track: Track) -> Iterator[Track]:
-    """Yield the pieces of a track between two steps at which the tracker took the front for the rear."""
+    """Yield the pieces of a track cut where its heading jumps, as when the tracker takes the front for the rear."""
     cuts = np.flatnonzero(np.abs(np.diff(track.values["heading"])) > _FLIP) + 1
     for piece in np.split(np.arange(track.last - track.first + 1), cuts):
         own = slice(int(piece[0]), int(piece[-1]) + 1)
