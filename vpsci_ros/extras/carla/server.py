@@ -1,7 +1,7 @@
 """A CARLA server: all calls of CARLA's client that need a server, except those of the actors.
 
-Written by the client's documentation of 0.9.15 and 0.9.16, and run against a stand-in of the client's objects: no
-server was at hand.
+Written from the documentation of CARLA's client 0.9.15 and 0.9.16, and tested with a stand-in of the client's objects:
+no server was at hand.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ class Server(Protocol):
     def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
         """Advance both agents by one tick and return their states.
 
-        :param walker: as it wants to be at the end of the tick; nothing where nobody is there.
+        :param walker: the pedestrian's wanted state at the end of the tick; ignored in an episode without pedestrian.
         """
 
     def close(self) -> None:
@@ -53,6 +53,7 @@ class LiveServer:
     :param period: of a tick [s].
     :param connect: what makes a client of host and port; None: `carla.Client`.
     :raises VpsciError: the client is not installed, or no server answers.
+    :raises InvalidInput: PORT is not a number.
     """
 
     def __init__(self, address: str, period: float, connect: Callable[[str, int], Any] | None = None) -> None:
@@ -144,7 +145,10 @@ class LiveServer:
         self._actors[0].apply_physics_control(physics)
 
     def _height(self, x: float, y: float) -> float:
-        """Return the height of the road [m]."""
+        """Return the height of the road at x east, y north [m].
+
+        :raises VpsciError: no road is within 5 m.
+        """
         waypoint = self._map.get_waypoint(self._carla.Location(x, -y, 0.0))
         location = None if waypoint is None else waypoint.transform.location
         if location is None or math.hypot(location.x - x, location.y + y) > 5.0:

@@ -20,10 +20,10 @@ ABSENT = 500.0  # [m] from the vehicle: nobody is there (an exam's reference), a
 class EngineWorld(World):
     """A world whose episodes run one after the other in an engine's server.
 
-    At each tick `World` says how it would go on: what the vehicle's controls are, and which velocity the pedestrian
-    wants. The server moves both; where they are then, whether they touch and have arrived is of the server's places.
+    At each tick `World` computes the vehicle's controls and the velocity that the pedestrian wants. The server moves
+    both; contact and arrival follow from the places that the server returns.
 
-    :param server: where an episode takes place; the rest is as of `World`.
+    :param server: moves the agents of an episode; the other parameters are those of `World`.
     :raises InvalidInput: more than one episode at once, several pedestrians, parked vehicles, a vehicle that is
         replayed; or, as an episode begins, a pedestrian that is replayed within `ABSENT`.
     """
