@@ -86,7 +86,7 @@ class AgentPolicy(GraphNode):
         return not isinstance(self._agent, PolicyAgent) or self._version > 0
 
     def _offer(self) -> None:
-        """Offer the actions, for which the world waits, once there are weights and the monitor knows this reader."""
+        """Create the publisher of actions, which the world waits for, once weights and safety monitor are there."""
         if self._actions is None and self._can_act and self._monitor_found:
             self._actions = self.output(self._topic)
         self._monitor_found = self._monitored.get_publisher_count() > 0
@@ -150,9 +150,9 @@ PedestrianPolicy = partial(AgentPolicy, "pedestrian")
 
 
 def _safety_state(data: bytes) -> SafetyContent:
-    """Return what a SafetyState says, one number of each kind for each episode.
+    """Return the content of a serialized SafetyState, with as many distances and flags as CurvTTCs.
 
-    :raises InvalidInput: it is none; see `layout.safety_state`.
+    :raises InvalidInput: it is no SafetyState; see `layout.safety_state`.
     """
     safety = read_safety_state(data)
     layout.safety_state(safety, len(safety.curvttc))
@@ -160,9 +160,9 @@ def _safety_state(data: bytes) -> SafetyContent:
 
 
 def _require_no_hand_over(tick: Tick) -> None:
-    """Refuse to begin where policies hold an episode already.
+    """Refuse a first tick at which policies already control an episode.
 
-    :raises VpsciError: one is held.
+    :raises VpsciError: they control one.
     """
     held = np.flatnonzero(tick.state["controlled"])
     if len(held):

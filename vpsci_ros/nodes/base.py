@@ -112,7 +112,7 @@ class GraphNode(Node, metaclass=_Destroying):
         """Apply the values that `config` returns; called after parameters were set on the running node."""
 
     def output(self, topic: str) -> Output:
-        """Return a new output for a topic of `TOPICS`."""
+        """Return a new `Output`, which publishes a topic of `TOPICS`."""
         made = Output(self, topic, listeners(topic, self.peers), self._is_stopping)
         self._offered.append(made)
         return made
@@ -170,7 +170,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return {}
 
     def status(self) -> NodeStatus:
-        """Return the node's present status."""
+        """Return the node's report: state, awaited nodes, figures, and numbers of published and refused messages."""
         return NodeStatus(
             state=self.state,
             awaited=self.awaited,

@@ -67,8 +67,8 @@ def require_security() -> None:
 def own_domain() -> Iterator[None]:
     """Set and reserve a ROS domain that no other graph on this machine uses, in the `with` block.
 
-    A socket and a port reserve it until the block is left or the process ends, however it does. The search begins at a
-    random number, since nodes of a graph that was killed may still publish in the domain that was given up last.
+    A socket and a port reserve it until the block is left or the process ends, however it does. Numbers are tried in
+    random order, since nodes of a graph that was killed may still publish in the domain that was given up last.
 
     :raises VpsciError: all of `OWN` are in use.
     """

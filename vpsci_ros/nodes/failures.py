@@ -80,7 +80,7 @@ class Silence:
         self._tick = self._missing = self._refused = self._ahead = 0
 
     def __call__(self, counts: WorldCounts) -> str:
-        """Return the reason, or an empty text."""
+        """Return a sentence about the silence and its reason; "" if the driving system publishes."""
         missing, refused = counts.vehicle_answers_missing, counts.vehicle_commands_refused
         if counts.tick < self._tick or missing - self._missing < 0.5 * (counts.tick - self._tick):
             self._tick, self._missing, self._refused = counts.tick, missing, refused

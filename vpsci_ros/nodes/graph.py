@@ -47,7 +47,7 @@ WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.saf
 
 @dataclass
 class GraphResult:
-    """The result of a run of a graph.
+    """The result of a run of a graph: its error, the nodes' last reports, exit statuses and bag.
 
     :ivar error: why the run failed; empty when it ran to its end and is complete.
     :ivar wall_time: of the run [s].
@@ -77,7 +77,7 @@ def _never(nodes: Mapping[str, NodeStatus], idle: float) -> str:
 def run_graph(
     sections: Sections, folder: str | Path, *, quiet: bool = False, stop_when: StopWhen = _never
 ) -> GraphResult:
-    """Run a graph to its end and return how it went.
+    """Run a graph of nodes to its end and return the result.
 
     A run that fails, is interrupted, or ends with anything missing returns with `error` set; the reasons are in
     `vpsci_ros.nodes.failures`, and docs/promises.md lists them.
@@ -330,7 +330,7 @@ def _collecting_errors(result: GraphResult) -> Iterator[None]:
 
 
 def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
-    """Return what is missing from a run that ended without an error."""
+    """Return a clause for each thing that is missing from a run that ended without an error; [] if it is complete."""
     failed = {processes.running[node]: node for node, status in reversed(result.exits.items()) if status != 0}
     missing = [processes.explain(node) for node in failed.values()]
     nodes, requested = list(processes.running), 0

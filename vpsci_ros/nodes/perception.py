@@ -111,7 +111,7 @@ class Perception(GraphNode):
 
 
 def _shown(data: bytes) -> StateContent:
-    """Return what a WorldState says.
+    """Return the content of a serialized WorldState.
 
     :raises InvalidInput: as `read_world_state`, or its `dt` is not a finite number above 0.
     """

@@ -31,7 +31,7 @@ _AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
 
 
 class _Entry(NamedTuple):
-    """A message as it is recorded."""
+    """A message as it is recorded: stamp and bytes, and of `/episode/event` tick and events."""
 
     at: int  # [ns] its stamp
     data: bytes

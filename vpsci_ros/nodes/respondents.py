@@ -137,7 +137,7 @@ class Respondents:
 
 @contextmanager
 def _named(fields: str) -> Iterator[None]:
-    """Name the fields of the values in the message of a refusal."""
+    """Put the names of the refused values' fields in front of the message of an `InvalidInput` in the block."""
     try:
         yield
     except InvalidInput as error:

@@ -20,7 +20,7 @@ PIPE = "VPSCI_STATUS_PIPES"
 
 @dataclass
 class NodeStatus:
-    """The report of a node, see also `/diagnostics`.
+    """The report of a node: its state, what it waits for, figures, and numbers of messages.
 
     :ivar state: "waiting", "running", "paused" or the like.
     :ivar awaited: what it waits for, names of nodes or a few words.

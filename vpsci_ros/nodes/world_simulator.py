@@ -253,7 +253,7 @@ class WorldSimulator(GraphNode):
         return figures | ({"transitions_not_consumed": self._lock_step.unread} if self._builder else {})
 
     def close(self) -> None:
-        """Log the result of the run."""
+        """Log the run's counts, such as episodes ended and outcomes."""
         if self._lock_step.tick is None:
             return
         totals = ", ".join(f"{name} {count}" for name, count in self.counts.nonzero().items())
@@ -263,7 +263,8 @@ class WorldSimulator(GraphNode):
 def _require_together(run: RunConfig, world: WorldConfig, config: SimulatorConfig) -> None:
     """Refuse parameters that do not go together.
 
-    :raises InvalidInput: two of them do not.
+    :raises InvalidInput: interventions with an external engine, an external vehicle driver with a batch above 1, or
+        transitions of several pedestrians.
     """
     if config.engine != "vpsci" and config.interventions:
         raise InvalidInput(f"engine = {config.engine}: interventions change the car by our kinematics; leave them out")
