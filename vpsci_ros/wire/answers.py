@@ -73,7 +73,7 @@ def write_action(action: ActionContent) -> bytes:
 
 
 def _read(data: bytes, where: str) -> tuple[WireHeader, int, Floats, Floats, int, int]:
-    """Return header, tick, two float64[] and a uint32 with which both messages begin, and the offset behind them.
+    """Return header, tick, two float64[] and a uint32 of a SafetyState or AgentAction, and the offset behind them.
 
     :raises InvalidInput: the bytes are not as ROS writes them.
     """

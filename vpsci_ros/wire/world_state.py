@@ -147,7 +147,7 @@ def _in_range(state):  # type: ignore[no-untyped-def]
 
 @kernel
 def _read(data, words, at, sizes, places, rows, row_words, frame):  # type: ignore[no-untyped-def]
-    """Fill records from the sequences that begin at offset `at`, one value a row; return the first that is not there.
+    """Fill records from the sequences at offset `at`, one value a row; return the first missing one's index, or -1.
 
     :param data, words: the message, uint8[n] and uint32[n // 4]; rows, row_words: EPISODE[B] likewise, [B, ...].
     :param sizes, places: of each sequence, the bytes of a value and its offset in a record.
@@ -181,7 +181,7 @@ def _read(data, words, at, sizes, places, rows, row_words, frame):  # type: igno
 
 @kernel
 def _write(data, words, at, sizes, places, rows, row_words, frame):  # type: ignore[no-untyped-def]
-    """Do the reverse of `_read`, with room enough in `data`; return the offset behind the last sequence."""
+    """Write records as sequences from offset `at` of `data` on, see `_read`; return the offset after the last one."""
     count = rows.shape[0]
     for f in range(sizes.size):
         size, place = sizes[f], places[f]
