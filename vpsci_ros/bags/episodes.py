@@ -29,7 +29,7 @@ LATE = 1_000_000_000  # [ns] by which other tools log an answer or a state later
 
 @dataclass(frozen=True)
 class BagEpisode:
-    """One episode of a bag.
+    """One episode of a bag: its numbers, first and last tick, outcome and least CurvTTC.
 
     :ivar scenario, episode: its number, and that within the scenario.
     :ivar slot: its index in the arrays of the messages, of several pedestrians the first one's.

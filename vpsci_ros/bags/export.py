@@ -85,7 +85,7 @@ def export_bag(
 
 
 def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
-    """Return a tick in which every slot that holds another episode is idle."""
+    """Return a tick in which every slot is idle that holds an episode not in `wanted`."""
     held = zip(tick.state["scenario"].tolist(), tick.state["episode"].tolist(), strict=True)
     tick.state[[key not in wanted for key in held]] = 0
     return tick

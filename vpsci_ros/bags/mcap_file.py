@@ -298,7 +298,7 @@ def _indexed_topics(reader: SeekingReader, summary: Summary) -> Iterable[TopicIn
 
 
 def _reason(error: BaseException) -> str:
-    """Return what the parser says; some of its errors, such as the one for the end of a file, have no text."""
+    """Return the message of an error of the parser; for errors without text, such as the end of the file, a name."""
     return "the end of the file" if isinstance(error, EndOfFile) else str(error) or type(error).__name__
 
 

@@ -18,7 +18,7 @@ from vpsci_ros.runs.output_folder import FolderLock
 
 @dataclass(frozen=True)
 class Repair:
-    """The result of a repair.
+    """The result of `repair_bag`: what the bag now holds, and what was wrong.
 
     :ivar messages: topic -> messages that the bag now holds.
     :ivar damage: what was wrong, one sentence each; empty: the files were whole.

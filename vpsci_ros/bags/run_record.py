@@ -76,7 +76,7 @@ def node_record(node: str, parameters: Mapping[str, Any], weights_sha256: str | 
 
 
 def bag_run(bag: Bag) -> BagRun:
-    """Read the records in a bag about its run.
+    """Return the records in a bag about its run.
 
     :raises InvalidInput: the bag is not whole, see also `Bag.require_complete`, or a record is damaged.
     """

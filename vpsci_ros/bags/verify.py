@@ -49,7 +49,7 @@ _NOTHING: Messages = {}
 
 @dataclass
 class VerifiedBag:
-    """The result of a verification of a bag.
+    """The result of `verify_bag`: what was compared, and the first difference.
 
     :ivar ticks, episodes, values: how many ticks, episode starts and numbers were compared.
     :ivar difference: the first one, in words; empty: none.
@@ -200,7 +200,7 @@ class _Simulation:
         self._actions = self._loop.actions()
 
     def compare(self, tick: int, messages: Messages, missing: set[str] | None, result: VerifiedBag) -> str:
-        """Compare all messages of the world's tick; return the first difference.
+        """Compare all messages of the world's tick; return the first difference in words, "" for none.
 
         :param missing: whose answers to the tick the world did without; None: it is the last one, and nobody waited.
         """
@@ -228,7 +228,7 @@ class _Simulation:
         return ""
 
     def _tick(self, result: VerifiedBag) -> dict[str, Fields]:
-        """Return the fields of each message of the world's tick."""
+        """Return topic -> the fields of its simulated message at the world's tick, of world, monitor and policies."""
         self.take_actions()
         _, state, frame, _ = self._loop.world.now
         assessed = self._loop.assessment

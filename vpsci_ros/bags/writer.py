@@ -75,7 +75,7 @@ class BagFile:
 
 
 class BagWriter:
-    """Writer of a bag.
+    """Writes a bag: a folder with MCAP files and metadata.yaml.
 
     :param folder: made if need be; must be empty.
     :param chunk_size: size of a chunk before compression [bytes].
@@ -141,7 +141,9 @@ class BagWriter:
         self.add_metadata(name, values)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages.
+        """Write the file's last text record and index, and metadata.yaml.
+
+        :param custom_data: goes into the text record and metadata.yaml, beside the numbers of messages.
 
         :raises VpsciError: the disk refuses it, or has refused anything before: then the last file breaks off, and has
             to be repaired. Or the folder does not exist any more.
