@@ -92,7 +92,7 @@ class RunFolder:
 
 
 def _values(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the sections of a run's parameters.
+    """Return section -> parameters of a run's `params.yaml`.
 
     :raises InvalidInput: `path` holds something else.
     """
