@@ -69,7 +69,7 @@ def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_mi
 
 
 def _similarity(onsets: Onsets) -> Floats:
-    """Return what makes two onsets similar, float64[n, 6]; on which side the pedestrian is does not."""
+    """Return the quantities by which onsets are compared, float64[n, 6], mirrored so that the pedestrian is left."""
     start = onsets.start
     turn = rotation(start[:, 2])
     place = np.einsum("nij,nj->ni", turn, start[:, 5:7] - start[:, 0:2])

@@ -53,7 +53,7 @@ def fitted(steps: int, back: int, ahead: int, *, slope: bool = False) -> Floats:
 
 
 def smoothed(path: Floats) -> Floats:
-    """Return positions [..., T, 2], each on a line fitted to the 0.9 s around it, or to the first or last 0.9 s."""
+    """Return positions [..., T, 2], each on a line fitted to the nine around it (0.9 s), or the first or last nine."""
     result: Floats = np.einsum("st,...tc->...sc", fitted(path.shape[-2], 4, 4), path)
     return result
 

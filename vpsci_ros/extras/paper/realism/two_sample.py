@@ -21,7 +21,7 @@ FAMILIES = ("all", "vehicle", "pedestrian", "joint")
 
 
 class TwoSample(NamedTuple):
-    """The result of the classifier test."""
+    """The result of the classifier test: its AUC, and the features that give simulations away."""
 
     auc: float  # area under the curve, each scored by a fold that has not seen its unit; mean of the repetitions
     auc_interval: tuple[float, float]  # 95%, units resampled

@@ -128,7 +128,10 @@ def write_paper(
 
 
 def _of_runs(runs: Sequence[Path]) -> dict[str, Path]:
-    """Return what these folders hold, by its name here."""
+    """Return name of a figure or table, see `RUNS` -> its file in these folders.
+
+    :raises InvalidInput: a folder has none.
+    """
     found: dict[str, Path] = {}
     for folder in runs:
         here = {name: folder / file for file, (name, _) in RUNS.items() if (folder / file).is_file()}

@@ -1,4 +1,4 @@
-"""Table 9 as a page: every column with its interval, in Markdown, for reports and for docs/results."""
+"""Table 9 as a page in Markdown: all columns, the main ones with intervals, for reports and docs/results."""
 
 from collections.abc import Sequence
 from typing import Any

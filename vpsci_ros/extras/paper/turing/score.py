@@ -30,7 +30,7 @@ PAIRS = tuple(TABLE_11)
 
 
 def score(answers: Answers) -> dict[str, Any]:
-    """Return all results of the answers, as JSON values."""
+    """Return the results of a Turing test as JSON values: recognition rates, Table 11, agreement, open questions."""
     raters, scenes, _ = answers.realism.shape
     flat = answers.realism.reshape(raters, -1)
     return {
@@ -215,7 +215,7 @@ def _shares(table: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _t(mean: Mean) -> float | None:
-    """Return Student's t of a mean against 0; None without an error."""
+    """Return Student's t of a mean against 0; None if the mean has no standard error above 0."""
     return _number(mean.value / mean.error) if mean.error > 0.0 else None
 
 
