@@ -1,4 +1,4 @@
-"""Other file formats: `vpsci export` writes datasets, bags or exams; further importers read recordings.
+"""Other file formats: `vpsci export` writes episodes of datasets, bags or exams in them; importers read recordings.
 
 `movers` holds what all formats write of an episode. `openscenario` (with the maps of `opendrive`), `commonroad`, `osi`,
 `lanelet2`, `scenarionet`, `minari`, `mp4` and `carla_csv` write one format each. `run` has the list of formats, to

@@ -94,7 +94,7 @@ def taf_bw(folder: Path) -> Iterator[Clip]:
 
 
 def read_clip(name: str, path: Path) -> Clip:
-    """Read one file of TAF-BW and resample its tracks to 0.1 s.
+    """Return the clip of one file of TAF-BW, with tracks resampled to 0.1 s.
 
     :raises InvalidInput: a column is missing or holds something else.
     """
