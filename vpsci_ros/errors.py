@@ -52,7 +52,7 @@ class InvalidInput(VpsciError, ValueError):
 
 
 class NotInstalled(ImportError, InvalidInput):
-    """What was requested needs a library that is not installed (also an `ImportError`)."""
+    """A library that the request needs is not installed (also an `ImportError`)."""
 
 
 class Stopped(Exception):
