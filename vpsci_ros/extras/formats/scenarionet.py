@@ -4,7 +4,7 @@ The format is defined as Python pickles, so pickles are what is written here, of
 arrays. Nothing in this package reads them, nor any other pickle: loading one runs whatever code its maker put into it.
 
 A record has a frame a tenth of a second, as ScenarioNet and MetaDrive expect; the last frame is kept where it falls on
-one. Positions are centres, z of a flat road.
+one. Positions are the centres of boxes on a flat road.
 """
 
 import pickle
