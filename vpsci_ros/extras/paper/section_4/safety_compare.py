@@ -50,8 +50,8 @@ def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], Units]:
     """Return when each measure first flags each interaction [s], whether PET is defined, and the resampled units.
 
     :param table: a near-miss table. Vehicles have the size of their source, else the default size.
-    :returns: float64[N, len(MEASURES)], time since the interaction's first row [s], infinity where never; bool[N]; and
-        the units of the N interactions. PET's time is that of the second agent's arrival.
+    :returns: float64[N, len(MEASURES)], time since the interaction's first row in `around_critical` [s], infinity where
+        never; bool[N]; and the units of the N interactions. PET's time is that of the second agent's arrival.
     """
     parts = around_critical(table).partition_by("interaction", maintain_order=True)
     found = [_flags(part) for part in parts]
