@@ -34,7 +34,7 @@ class BagEpisode:
     :ivar scenario, episode: its number, and that within the scenario.
     :ivar slot: its index in the arrays of the messages, of several pedestrians the first one's.
     :ivar start_tick, end_tick, start_time, end_time: first and last tick, and their times in the bag [ns].
-    :ivar outcome: "collision", "goal" or "timeout"; "none" where the bag does not say.
+    :ivar outcome: of `OUTCOME_NAMES`, such as "collision"; "none" where the bag does not say.
     :ivar least_curvttc: [s], of several pedestrians the least one; infinite if no contact was ever predicted.
     :ivar first_file, file: where it begins and where it ends; empty where no record says so.
     """
@@ -159,7 +159,7 @@ def choose(
     """Return the episodes that meet all given conditions.
 
     :param numbers: "3,7-9", numbers in every scenario, or "6:12" in one.
-    :param outcome: "collision", "goal", "timeout" or "none".
+    :param outcome: one of `OUTCOME_NAMES`; empty: any.
     :param curvttc_below: of the least CurvTTC [s].
     :raises InvalidInput: a condition of another form, or that no episode meets; a number that the bag does not have.
     """
