@@ -1,4 +1,4 @@
-"""Compilation of scalar functions with numba, and the division of a large batch between threads.
+"""Compilation of functions with numba, and the division of a large batch between threads.
 
 Compiled code is cached on disk, divides as IEEE says and never reorders arithmetic (no fastmath).
 """
@@ -18,7 +18,7 @@ choose_cache_folder()  # before numba decorates the first function
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """Compiled code on disk as numba keeps it; what cannot be loaded is compiled and written again."""
+    """Numba's cache of compiled code on disk; where a file cannot be loaded, the function is compiled again."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -29,7 +29,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that compiles scalar functions; `options` are those of numba's `njit`."""
+    """Return a decorator that compiles a function with numba; `options` are those of numba's `njit`."""
 
     def decorated(function: Callable[..., Any]) -> Any:
         dispatcher = njit(no_cfunc_wrapper=True, error_model="numpy", nogil=True, **options)(function)
@@ -60,12 +60,12 @@ os.register_at_fork(after_in_child=_pool.__init__)  # type: ignore[misc]
 
 
 def in_threads(run: Callable[[slice], T], size: int, per_thread: int, together: int = 1) -> list[T]:
-    """Call `run` on slices of range(size), in several threads if `size` is large; return the results.
+    """Call `run` on slices of range(size), in several threads if `size` is large; return the results in order.
 
-    `run` is a kernel that leaves the interpreter lock and treats each index for itself, so the split changes no bit.
+    `run` is a kernel that releases the interpreter lock and treats each index for itself, so the split changes no bit.
 
-    :param per_thread: below which another thread costs more than it saves.
-    :param together: a slice begins at a multiple of it; `size` is one, too.
+    :param per_thread: number of indices below which another thread costs more than it saves.
+    :param together: slices begin at multiples of `together`; `size` is a multiple, too.
     """
     count = max(1, min(_pool.size, size // per_thread))
     groups = size // together

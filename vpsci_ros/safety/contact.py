@@ -10,9 +10,9 @@ The free distance c(t) = distance(p(t), rectangle) - radius stays positive until
 
       c(t + h) >= c + c' h - A h^2 / 2.
 
-The step h = 2 c / (sqrt(c'^2 + 2 A c) - c') is the positive root of the right side: no contact can lie within it, so
-the first contact is never stepped over, however short. Near contact the step is Newton's, so the iteration
-converges quadratically from below. With both agents on straight lines A is 0.
+The step h = 2 c / (sqrt(c'^2 + 2 A c) - c') is the positive root of the right side: no contact can lie within it.
+Near contact the step is Newton's, so the iteration converges quadratically from below. Only steps that `STEP_FLOOR`
+lengthens may pass a contact, one shorter than the step. With both agents on straight lines A is 0.
 
 With yaw rate W = v k, J the quarter turn and g(t) the way from the turning centre to the pedestrian, whose velocity
 is u, |p''| = |2 W J u + W^2 g(t)|: the norm of a function linear in t, hence convex, hence largest at an end of the
@@ -58,7 +58,7 @@ def first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, rad
 def first_contact_accelerating(  # type: ignore[no-untyped-def]
     qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, horizon
 ):
-    """`first_contact` of a vehicle at constant acceleration [m/s2] along the arc; once it stops, it stands."""
+    """`first_contact` [s] with a vehicle at constant acceleration [m/s2] along its arc; once it stops, it stays."""
     if acceleration == 0.0 or (speed == 0.0 and acceleration < 0.0):
         return first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, radius, horizon)
     stop = -speed / acceleration if acceleration < 0.0 else math.inf

@@ -1,4 +1,4 @@
-"""The older form of CurvTTC: the paths of the two centres cross, and both occupy the crossing point at once."""
+"""The older form of CurvTTC: the first time at which both agents occupy the point where their paths cross."""
 
 import math
 

@@ -1,8 +1,8 @@
 """Path curvature of a recorded vehicle, from its positions or from its yaw rate; positive to the left, in 1/m.
 
-Which of the two: yaw rate over speed wherever a filtered heading exists. Three positions 0.1 s apart lie so near to
-each other that centimetres of noise bend the circle. With positions only, take them further apart (`spacing`) and ask
-for more bend (`collinear`); docs/curvttc.md has what that comes to on recordings.
+Use yaw rate over speed wherever a filtered heading exists. Three positions 0.1 s apart lie so near to each other that
+centimetres of noise bend the circle. With positions only, use positions further apart (`spacing`) and a larger least
+bend (`collinear`); docs/curvttc.md has the effect on recordings.
 """
 
 import numpy as np
@@ -21,7 +21,8 @@ def curvature_from_yaw_rate(yaw_rate: FloatLike, speed: FloatLike, *, standing: 
     :param speed: float[...] [m/s], not below 0.
     :param standing: speed below which the vehicle counts as standing [m/s], above 0.
     :returns: float64[...] [1/m].
-    :raises InvalidInput: values that are not finite, a negative speed, shapes that do not broadcast.
+    :raises InvalidInput: values that are not finite, a negative speed, a `standing` that is not above 0, shapes that
+        do not broadcast.
     """
     names, given = ("yaw_rate", "speed", "standing"), (yaw_rate, speed, standing)
     (rate, pace, least), shape = broadcast(names, given)
@@ -41,7 +42,7 @@ def curvature_from_positions(x: FloatLike, y: FloatLike, *, spacing: int = 1, co
     :returns: float64[..., T] [1/m]. Step k uses the positions k - 2 spacing, k - spacing and k; the first 2 spacing
         steps, which have fewer than three, are a line.
     :raises InvalidInput: values that are not finite, arrays of different shapes or without a time axis, a spacing below
-        1, a negative distance.
+        1, a `collinear` that is negative or not finite.
     """
     xs, ys = as_floats("x", x), as_floats("y", y)
     if xs.ndim == 0 or xs.shape != ys.shape:

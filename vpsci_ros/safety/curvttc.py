@@ -1,8 +1,7 @@
 """CurvTTC: the least time to contact of a vehicle on an arc and a pedestrian on a line, see docs/curvttc.md.
 
-`curvttc` is for batches and checks what it gets. `curvttc_pair` is the same number for one pair, unchecked, for other
-numba code. Numba does not see changes in functions called from another file: clear the callers' caches
-(`__pycache__/*.nb?`) after editing this room.
+`curvttc` is for batches and checks its arguments. `curvttc_pair` gives the same number for one pair, unchecked, for
+other numba code.
 """
 
 import math
@@ -24,7 +23,7 @@ CONFLICT_TTC = 2.0  # [s] below it an interaction is a conflict
 
 @kernel
 def curvttc_pair(x, y, heading, speed, curvature, ped_x, ped_y, ped_vx, ped_vy, length, width, radius, horizon):  # type: ignore[no-untyped-def]
-    """`curvttc(..., method="footprint")` of one pair, for other numba code: unchecked, no keyword arguments."""
+    """CurvTTC [s] of one pair by first contact, as `curvttc` gives it; for other numba code, arguments unchecked."""
     dx, dy = ped_x - x, ped_y - y
     reach = 0.5 * (length + width) + radius + horizon * (speed + abs(ped_vx) + abs(ped_vy))
     if abs(dx) > reach or abs(dy) > reach:
@@ -91,10 +90,12 @@ def curvttc(
     :param ped_vx, ped_vy: its velocity [m/s], in the same frame as the positions.
     :param length, width, radius: sizes [m], above 0.
     :param horizon: of the prediction [s], above 0.
-    :param method: "footprint", the first contact of rectangle and disc, never stepped over and exact to 1e-3 s; or
-        "center", the older form: the paths of the two centres cross, each agent occupies the crossing point for
-        (length + width) / 2 either side at its own speed, and CurvTTC is the start of the overlap (`radius` unused).
-    :returns: float64[B] [s]; 0 where they touch now, infinity where they do not touch within the horizon.
+    :param method: "footprint", the first contact of rectangle and disc, exact to 1e-3 s; the n-th step of its search
+        is at least n^2 ns, and may pass a shorter contact. Or "center", the older form: the paths of the two centres
+        cross, each agent occupies the crossing point for (length + width) / 2 either side at its own speed, and CurvTTC
+        is the start of the overlap (`radius` unused).
+    :returns: float64[B] [s]; infinity where there is no contact, or no overlap, within the horizon and the 90 degrees.
+        With "footprint" 0 where the footprints touch now.
     :raises InvalidInput: a value that is not finite, a negative speed, a size or horizon that is not positive, shapes
         that do not broadcast, an unknown method.
     """

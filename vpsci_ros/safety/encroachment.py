@@ -20,9 +20,9 @@ def first_crossing(
 ) -> tuple[float, float, float, float]:
     """First point of the pedestrian's path on the vehicle's path: (vehicle step, pedestrian step, x, y) [steps, m].
 
-    Steps are fractional, of float64[T] positions [m]. The vehicle's path goes on straight for `ahead` metres along
-    `heading` [rad], its last one; on that part its step is infinity, since it has not been there. NaN when the paths
-    do not cross.
+    Steps are fractional, of float64[T] positions [m]. The vehicle's path goes on straight for `ahead` metres along its
+    last `heading` [rad]; on that part the vehicle step is infinity, since the vehicle has not been there. Four NaN
+    where the paths do not cross.
     """
     last = x.size - 1
     end_x, end_y = x[last] + ahead * math.cos(heading), y[last] + ahead * math.sin(heading)
@@ -55,7 +55,7 @@ def first_crossing(
 def _outside(
     rows: tuple[Floats, ...], step: float, vehicle: bool, cx: float, cy: float, sizes: tuple[float, float, float]
 ) -> bool:
-    """Return whether the point lies outside one agent's footprint at the fractional `step`."""
+    """Return whether (cx, cy) lies outside the footprint of the vehicle, or the pedestrian, at a fractional `step`."""
     x, y, heading, ped_x, ped_y = rows
     i = min(int(step), x.size - 2)
     part = step - i
@@ -141,19 +141,23 @@ def post_encroachment_time(
 ) -> tuple[Floats, Floats]:
     """Post-encroachment time (PET): from when the first agent left the crossing point to when the second reached it.
 
-    The crossing point is the first point of the pedestrian's recorded path that lies on the vehicle's; each agent
-    covers it while it lies within its footprint. See Allen, Shin and Cooper, "Analysis of traffic conflicts and
-    collisions" (1978). PET looks back: where one agent never gets to the crossing point, because it stopped or turned
-    away, the paths do not cross and PET is undefined, however near the miss was.
+    The crossing point is the first point of the pedestrian's recorded path that lies on the vehicle's; an agent covers
+    that point while the point lies within the agent's footprint. See Allen, Shin and Cooper, "Analysis of traffic
+    conflicts and collisions" (1978).
+
+    PET looks back: where one agent never gets to the crossing point, because it stopped or turned away, the paths do
+    not cross and PET is undefined, however near the miss was.
 
     :param x, y, heading: the vehicle's pose, float[..., T] [m] and [rad]; one episode, or a padded batch.
     :param ped_x, ped_y: the pedestrian's position, float[..., T] [m].
     :param dt: time between steps [s].
     :param lengths: int[...], steps of each row that count; None: all T.
     :param length, width, radius: sizes [m], the same for all rows.
-    :returns: PET float64[...] [s], NaN where undefined, below 0 where the second arrived before the first had left; and
-        the time of the second's arrival, when PET becomes known, float64[...] [s] from the row's first step, NaN too.
-    :raises InvalidInput: values that are not finite, shapes that differ, sizes or `dt` that are not positive.
+    :returns: PET float64[...] [s], NaN where undefined, below 0 where the second agent arrived before the first had
+        left; and the time of that arrival, when PET becomes known, float64[...] [s] from the row's first step, NaN
+        where PET is undefined.
+    :raises InvalidInput: values that are not finite, shapes that differ, lengths that do not fit, sizes or `dt` that
+        are not positive.
     """
     for name, value in (("dt", dt), ("length", length), ("width", width), ("radius", radius)):
         if not 0.0 < value < math.inf:

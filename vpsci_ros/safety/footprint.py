@@ -35,7 +35,7 @@ def in_vehicle_frame(heading, dx, dy, ped_vx, ped_vy):  # type: ignore[no-untype
 
 @kernel
 def clearance_pair(x, y, heading, ped_x, ped_y, length, width, radius):  # type: ignore[no-untyped-def]
-    """`clearance` of one pair, for other numba code: unchecked, no keyword arguments, metres and radians."""
+    """Return the `clearance` [m] of one pair, for other numba code: arguments [m] and [rad], unchecked."""
     cos, sin = math.cos(heading), math.sin(heading)
     dx, dy = ped_x - x, ped_y - y
     return gap(cos * dx + sin * dy, cos * dy - sin * dx, 0.5 * length, 0.5 * width) - radius
@@ -71,7 +71,7 @@ def clearance(
     :param ped_x, ped_y: centre of the disc [m].
     :param length, width, radius: sizes [m], all above 0.
     :returns: float64[B] [m]. Positive: the exact distance between the two outlines. Zero or negative: they touch or
-        overlap, by how much is the depth of the disc's deepest point below the nearest side of the rectangle.
+        overlap, and the amount is the depth of the disc's deepest point below the nearest side of the rectangle.
     :raises InvalidInput: a value that is not finite, a size that is not positive, shapes that do not broadcast.
     """
     names = ("x", "y", "heading", "ped_x", "ped_y", "length", "width", "radius")

@@ -1,7 +1,8 @@
 """Checks of arguments: they become float64 arrays of one shape, and an invalid value is reported.
 
-A bad number is never turned into an infinity: every public function of `vpsci_ros.safety` refuses it and says which
-argument has which value at which index.
+A bad number is never turned into an infinity: every function of `vpsci_ros.safety` for arrays refuses it and says which
+argument has which value at which index. Only the compiled functions of one pair (`curvttc_pair`, `clearance_pair`,
+`visible_pair`, `touches_box`) check nothing.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,7 +20,7 @@ Floats: TypeAlias = NDArray[np.float64]
 def as_floats(name: str, value: FloatLike) -> Floats:
     """Return `value` as a float64 array.
 
-    :raises InvalidInput: text, objects, complex or ragged input.
+    :raises InvalidInput: text, booleans, objects, complex or ragged input.
     """
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         return value
@@ -35,7 +36,7 @@ def as_floats(name: str, value: FloatLike) -> Floats:
 def broadcast(names: Sequence[str], values: Sequence[FloatLike]) -> tuple[tuple[Floats, ...], tuple[int, ...]]:
     """Return the arguments as flat, contiguous float64[size] arrays, and the shape they broadcast to.
 
-    :raises InvalidInput: shapes that do not broadcast, naming each argument's shape.
+    :raises InvalidInput: shapes that do not broadcast, naming each argument's shape, or as `as_floats`.
     """
     arrays = [as_floats(name, value) for name, value in zip(names, values, strict=True)]
     shape = common_shape(names, arrays)
@@ -43,9 +44,9 @@ def broadcast(names: Sequence[str], values: Sequence[FloatLike]) -> tuple[tuple[
 
 
 def flattened(array: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return `array` broadcast to `shape` as contiguous, writable float64[size]; a copy only if it is not so already.
+    """Return `array` broadcast to `shape` as contiguous, writable float64[size], copied only where needed.
 
-    One that is read-only, as columns of tables are, is copied: kernels are compiled for each kind of their arguments.
+    A read-only array, such as a column of a table, is copied: kernels are compiled for each kind of their arguments.
     """
     wide = array if array.shape == shape else np.broadcast_to(array, shape)
     return np.require(wide, requirements=["C", "W"]).reshape(-1)
@@ -54,7 +55,7 @@ def flattened(array: Floats, shape: tuple[int, ...]) -> Floats:
 def common_shape(names: Sequence[str], arrays: Sequence[Floats]) -> tuple[int, ...]:
     """Return the shape that `arrays` broadcast to.
 
-    :raises InvalidInput: they do not, naming each argument's shape.
+    :raises InvalidInput: shapes that do not broadcast, naming each argument's shape.
     """
     shapes = {array.shape for array in arrays} - {()}
     if len(shapes) < 2:  # the usual case, and np.broadcast_shapes costs more than a small batch
@@ -69,8 +70,9 @@ def common_shape(names: Sequence[str], arrays: Sequence[Floats]) -> tuple[int, .
 def refuse(
     names: Sequence[str], values: Sequence[FloatLike], *, positive: Iterable[str] = (), not_negative: Iterable[str] = ()
 ) -> NoReturn:
-    """Raise `InvalidInput` for the first invalid argument: not finite, not above 0, or below 0.
+    """Raise `InvalidInput` for the first argument that is not finite, not above 0, or below 0.
 
+    :param positive: names of the arguments that have to be above 0; not_negative: of those that must not be below 0.
     :raises InvalidInput: always; called once a kernel has seen that something is wrong.
     """
     for name, value in zip(names, values, strict=True):

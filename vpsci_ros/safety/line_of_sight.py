@@ -1,8 +1,8 @@
 """The visible share of a pedestrian from a point, behind parked vehicles (oriented rectangles).
 
 Everything is seen from above. The disc of the pedestrian takes an angle of 2 asin(radius / distance) at the eye; each
-rectangle that is nearer covers the angle between its outermost corners. What is left uncovered, as a share of the
-disc's angle, is what can be seen. Seen from a point, one of two convex shapes that do not overlap is in front of the
+rectangle that is nearer covers the angle between its outermost corners. The visible share is the uncovered part of the
+disc's angle. Seen from a point, one of two convex shapes that do not overlap is in front of the
 other in every direction that both take up, so one direction decides which.
 """
 
@@ -28,13 +28,13 @@ def visible_share(
     *,
     radius: FloatLike = PEDESTRIAN_RADIUS,
 ) -> Floats:
-    """Return how much of a pedestrian's disc is seen from a point, float64[B], 0 (nothing) to 1 (all of it).
+    """Return the share of a pedestrian's disc that is seen from a point, float64[B], 0 (nothing) to 1 (all of it).
 
     :param eye_x, eye_y: the point [m]; float[B], as are the others, or anything that broadcasts with them.
     :param ped_x, ped_y: centre of the disc [m].
     :param boxes: rectangles that hide, float[K, 5] for all rows: x, y of the centre [m], heading [rad], length and
-        width [m]. From inside of one nothing is seen.
-    :param radius: of the disc [m]; an eye within the disc sees it.
+        width [m]. An eye inside a rectangle sees nothing.
+    :param radius: of the disc [m]; an eye within the disc sees all of it, also inside a rectangle.
     :raises InvalidInput: a value that is not finite, a size that is not positive, shapes that do not fit.
     """
     names, given = ("eye_x", "eye_y", "ped_x", "ped_y", "radius"), (eye_x, eye_y, ped_x, ped_y, radius)
@@ -69,7 +69,7 @@ def _shares(eye_x, eye_y, ped_x, ped_y, radius, boxes, shadows, out):  # type: i
 
 @kernel
 def visible_pair(eye_x, eye_y, x, y, radius, boxes, count, shadows):  # type: ignore[no-untyped-def]
-    """`visible_share` of one pair and the first `count` boxes, for other numba code; `shadows` is working memory."""
+    """`visible_share` of one pair behind the first `count` boxes, unchecked; `shadows`: scratch float64[3 count, 2]."""
     dx, dy = x - eye_x, y - eye_y
     distance = math.sqrt(dx * dx + dy * dy)
     if distance <= radius:
@@ -94,7 +94,7 @@ def visible_pair(eye_x, eye_y, x, y, radius, boxes, count, shadows):  # type: ig
 
 @kernel
 def _corners_seen(eye_x, eye_y, box, bearing):  # type: ignore[no-untyped-def]
-    """Return the first and the last direction [rad] that a box takes up, from `bearing`; the wrong way round inside."""
+    """Return the first and last direction [rad] that a box takes up, from `bearing`; (1, -1) for an eye inside."""
     c, s = math.cos(box[2]), math.sin(box[2])
     forward, left = c * (eye_x - box[0]) + s * (eye_y - box[1]), c * (eye_y - box[1]) - s * (eye_x - box[0])
     if abs(forward) < 0.5 * box[3] and abs(left) < 0.5 * box[4]:
@@ -113,7 +113,7 @@ def _corners_seen(eye_x, eye_y, box, bearing):  # type: ignore[no-untyped-def]
 
 @kernel
 def _wrapped(angle: float) -> float:
-    """Return an angle between -2 pi and 2 pi [rad] as the same one from -pi to pi."""
+    """Return the same direction as an angle from -pi to pi, for an `angle` from -2 pi to 2 pi [rad]."""
     if angle > math.pi:
         return angle - _TURN
     return angle + _TURN if angle < -math.pi else angle
@@ -121,7 +121,7 @@ def _wrapped(angle: float) -> float:
 
 @kernel
 def _entry(eye_x, eye_y, direction, box):  # type: ignore[no-untyped-def]
-    """Return the distance [m] from the eye to the box in a direction [rad]; infinity where it is missed."""
+    """Return the distance [m] from the eye to the box in a direction [rad]; infinity where the box is missed."""
     c, s = math.cos(box[2]), math.sin(box[2])
     at = (c * (eye_x - box[0]) + s * (eye_y - box[1]), c * (eye_y - box[1]) - s * (eye_x - box[0]))
     way = (math.cos(direction - box[2]), math.sin(direction - box[2]))
@@ -155,7 +155,7 @@ def _union(intervals, n):  # type: ignore[no-untyped-def]
 
 @kernel
 def touches_box(x, y, heading, box, length=VEHICLE_LENGTH, width=VEHICLE_WIDTH):  # type: ignore[no-untyped-def]
-    """Return whether a vehicle's rectangle touches or overlaps a box: x, y [m], heading [rad], length, width [m]."""
+    """Return whether a vehicle touches or overlaps a box, float64[5] (x, y [m], heading [rad], length, width [m])."""
     turned = box[2] - heading
     c, s = abs(math.cos(turned)), abs(math.sin(turned))
     dx, dy = box[0] - x, box[1] - y

@@ -102,8 +102,8 @@ def drac(ttc: FloatLike, speed: FloatLike) -> Floats:
     """Deceleration rate to avoid the crash [m/s2]: it stops the vehicle where contact is predicted at constant speed.
 
     At constant speed v the vehicle reaches that point of its path after v * ttc metres; stopping within s takes
-    v^2 / (2 s) = v / (2 ttc). See Cooper and Ferguson, "Traffic studies at
-    T-junctions" (1976); their leading vehicle stands here, as is usual for crossing conflicts.
+    v^2 / (2 s) = v / (2 ttc). See Cooper and Ferguson, "Traffic studies at T-junctions" (1976), for a vehicle behind
+    another one; here the point of contact stands still, as is usual for crossing conflicts.
 
     :param ttc: time to contact [s], float[B], not below 0; infinity where none is predicted.
     :param speed: of the vehicle [m/s], not below 0; broadcasts with `ttc`.

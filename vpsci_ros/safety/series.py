@@ -1,4 +1,4 @@
-"""Series over time, float[..., T]: one episode or a padded batch with the length of each row."""
+"""Checks of series over time, float[..., T]: one episode, or a padded batch with the length of each row."""
 
 from collections.abc import Iterable, Sequence
 
@@ -10,9 +10,9 @@ from vpsci_ros.safety.inputs import FloatLike, Floats, as_floats, place
 
 
 def checked_lengths(lengths: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the lengths of rows shaped [..., T] as int64[...]; all T where None is given.
+    """Return the `lengths` of rows of an array of `shape` [..., T] as int64[...]; all T where None is given.
 
-    :raises InvalidInput: they are not whole numbers of 1 to T, or of another shape than the rows.
+    :raises InvalidInput: a shape without steps, or lengths that are not whole numbers of 1 to T, one for each row.
     """
     if not shape or shape[-1] == 0:
         raise InvalidInput(f"expected arrays [..., T] with at least one step, got shape {shape}")
@@ -28,9 +28,10 @@ def checked_lengths(lengths: ArrayLike | None, shape: tuple[int, ...]) -> NDArra
 
 
 def padded(name: str, values: FloatLike, lengths: ArrayLike | None, *, signed: bool = False) -> Floats:
-    """Return float64[..., T] with infinity beyond each row's length.
+    """Return `values` as float64[..., T], with infinity beyond each row's length.
 
-    :raises InvalidInput: NaN (or, unless `signed`, a value below 0) within a row's length, lengths that do not fit.
+    :raises InvalidInput: NaN (or, unless `signed`, a value below 0) within a row's length, lengths that do not fit, no
+        time axis.
     """
     array = as_floats(name, values)
     counts = checked_lengths(lengths, array.shape)

@@ -28,7 +28,7 @@ from vpsci_ros.safety.series import trajectories
 
 
 class Yielded(IntFlag):
-    """Who gave way; BOTH is VEHICLE | PEDESTRIAN."""
+    """The agents that yielded in an episode; BOTH is VEHICLE | PEDESTRIAN."""
 
     NONE = 0
     VEHICLE = 1
@@ -132,7 +132,7 @@ def who_yielded(
     width: float = VEHICLE_WIDTH,
     radius: float = PEDESTRIAN_RADIUS,
 ) -> NDArray[np.uint8]:
-    """Who gave way in each episode, as `Yielded` codes; agrees with 87 of 89 real near misses classified by eye.
+    """Return who yielded in each episode, uint8[...] of `Yielded`; as by eye in 87 of 89 recorded near misses.
 
     :param x, y, heading, speed: the vehicle, float[..., T] [m], [m], [rad], [m/s]; one episode, or a padded batch. Give
         what is recorded before the onset too: approach speeds are read there.
@@ -142,7 +142,8 @@ def who_yielded(
     :param lengths: int[...], steps of each row that count; None: all T.
     :param length, width, radius: sizes [m], the same for all rows.
     :returns: uint8[...]: 0 nobody (or CurvTTC never critical), 1 the vehicle, 2 the pedestrian, 3 both.
-    :raises InvalidInput: values that are not finite (CurvTTC: NaN), negative speeds, shapes that differ.
+    :raises InvalidInput: values that are not finite (CurvTTC: NaN), a speed or CurvTTC below 0, shapes that differ,
+        lengths that do not fit, sizes or `dt` that are not positive.
     """
     for name, value in (("dt", dt), ("length", length), ("width", width), ("radius", radius)):
         if not 0.0 < value < math.inf:
