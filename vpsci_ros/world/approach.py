@@ -1,7 +1,8 @@
-"""The motion of the driver and the walker that the spawn has drawn, while the rule-based pair acts.
+"""The motion of the rule-based pair with the spawns `right_turns` and `human`, which draw driver and walker.
 
-Until the meeting a driver has its speed by the clock, as a walker has, slowing for the bend; beyond, it drives on a
-little faster. Neither reacts to the other, but for the fixed distance at which the autopilot brakes.
+Until it crosses the walker's line (`meeting_s`), a driver's speed is a function of time, as a walker's is, but lower in
+a bend; beyond, the driver drives on a little faster. Neither reacts to the other, but for the fixed distance at which
+the autopilot brakes.
 """
 
 import math
@@ -62,7 +63,7 @@ def onset_time(onset):  # type: ignore[no-untyped-def]
 
 @kernel
 def _recorded(onset, column, time):  # type: ignore[no-untyped-def]
-    """Return a column of an onset's track, `time` [s] after the spawn, between two recorded steps."""
+    """Return a column of an onset's track, `time` [s] after the spawn, interpolated between recorded steps."""
     first = HISTORY - onset[BEFORE]
     step = min(1.0 * HISTORY, max(first, first + time / STEP))
     i = min(int(step), HISTORY - 1)
@@ -78,7 +79,7 @@ def drive_then(onset, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def walk_then(onset, time):  # type: ignore[no-untyped-def]
-    """Return the recorded walker's velocity [m/s] at `time` [s], along the car's onset heading and to its left."""
+    """Return the recorded walker's velocity [m/s], `time` [s] after the spawn, along the car's onset heading, left."""
     return _recorded(onset, WALK_ALONG, time), _recorded(onset, WALK_LEFT, time)
 
 
@@ -115,7 +116,7 @@ def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-
 
 @kernel
 def step_towards(episode, ax, ay, period):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] nearest to this one that the walker's limit of jerk allows."""
+    """Return the acceleration (ax, ay) [m/s2] nearest to the given one that the limit of the walker's jerk allows."""
     dx, dy = ax - episode.pedestrian_ax, ay - episode.pedestrian_ay
     change, most = math.sqrt(dx * dx + dy * dy), people.JERK * period
     share = 1.0 if change <= most else most / change

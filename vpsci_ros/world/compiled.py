@@ -1,8 +1,8 @@
 """Compilation of the world's scalar code, as in `vpsci_ros.safety.compiled`, for calls at every tick.
 
-It counts no references to its arrays (`_nrt`), which would cost more than the arithmetic, so it cannot make arrays of
-its own. What takes the whole state is `inlined` where it is called from the loop over slots, since passing a dozen
-arrays costs more than most of what these functions do.
+Compiled so, code does not count references to arrays (`_nrt`), which would cost more than the arithmetic, and cannot
+make arrays. A function of the whole state is `inlined` where the loop over slots calls it, since passing a dozen arrays
+costs more than most of these functions do.
 """
 
 from vpsci_ros.safety.compiled import compiled

@@ -14,7 +14,11 @@ PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_vel
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """The configuration of `vpsci_ros.world.World`; some defaults differ from section 3.2 of the paper."""
+    """The configuration of `vpsci_ros.world.World`; some defaults differ from section 3.2 of the paper.
+
+    :raises InvalidInput: a period that is no multiple of `tick`, more `crowd.sizes` than `pedestrians`, or several
+        pedestrians with the driver replay.
+    """
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(
@@ -102,7 +106,7 @@ class WorldConfig:
 
     @property
     def release_ticks(self) -> int:
-        """Ticks from the last critical one to the hand-back."""
+        """Ticks after the last critical one in which the policies keep control."""
         return round(self.release_time / self.tick)
 
 

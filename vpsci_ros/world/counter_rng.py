@@ -110,7 +110,7 @@ def normals(
 
 @kernel
 def normal_pair(first: float, second: float) -> tuple[float, float]:
-    """Return two standard normal numbers of two uniform ones in [0, 1)."""
+    """Return two independent standard normal numbers, made from two uniform numbers in [0, 1)."""
     radius = np.sqrt(-2.0 * np.log(1.0 - first))
     return radius * np.cos(2.0 * np.pi * second), radius * np.sin(2.0 * np.pi * second)
 

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, VEHICLE_ACTION_MISSING
 
 MISSING_ANSWERS = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
-"""Kind of event -> whose answer was missing."""
+"""Kind of event -> the sender whose answer was missing."""
 Fault = Literal["missing", "refused", "contradicted", "early"]
 
 
@@ -48,7 +48,7 @@ class WorldCounts:
     parked_collision: int = 0
 
     def add(self, name: str, number: int = 1) -> None:
-        """Add `number` to the count of this name."""
+        """Add `number` to the count `name`."""
         setattr(self, name, getattr(self, name) + number)
 
     def add_fault(self, sender: str, fault: Fault, number: int = 1) -> None:

@@ -1,8 +1,8 @@
 """Several pedestrians around one vehicle: their number, their relations to the first one, and their spawns.
 
-The first pedestrian is bit-identical to the one of an episode without others. Each further one belongs to its group,
-comes from the other side, follows it off the kerb, or crosses on its own. Its draws depend on its own number alone, so
-they do not change with the number of pedestrians.
+The first pedestrian starts bit-identical to the one of an episode without others. Each further pedestrian walks in a
+group with the first, comes from the other side, follows the first off the kerb, or crosses independently. The draws of
+a pedestrian depend on its own number alone, so they do not change with the number of pedestrians.
 
 Groups keep the first one's pace and line, side by side and behind, as small groups do: see 'The Walking Behaviour of
 Pedestrian Social Groups and Its Impact on Crowd Dynamics' by Moussaid, Perozo, Garnier, Helbing and Theraulaz, PLoS ONE
@@ -36,7 +36,10 @@ _BEHIND = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 2.0])  # and behind it
 
 @dataclass(frozen=True)
 class CrowdConfig:
-    """The number of pedestrians of an episode, and the relations of further ones to the first."""
+    """The number of pedestrians of an episode, and the relations of further ones to the first.
+
+    :raises InvalidInput: shares of roles above 1 together, or `sizes` that are all 0.
+    """
 
     sizes: list[float] = parameter(
         [],
@@ -70,7 +73,7 @@ class CrowdConfig:
 
 
 class Crowd(NamedTuple):
-    """`CrowdConfig` and `KindMixture` for compiled code."""
+    """`CrowdConfig` and `KindMixture` as cumulative shares, for compiled code."""
 
     sizes: NDArray[np.float64]  # `CrowdConfig.size_limits`
     roles: NDArray[np.float64]  # `CrowdConfig.role_limits`

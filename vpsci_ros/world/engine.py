@@ -1,7 +1,7 @@
 """One tick of one episode after another: the compiled part of `World.advance`.
 
-Each episode is computed by the same scalar code from its own records alone, one a pedestrian, in whichever thread, so
-its bits do not depend on the batch, on its place in it or on the number of threads. No sum runs over episodes.
+Each episode is computed by the same scalar code from its own records alone, one a pedestrian. So its bits do not depend
+on the batch, on its slot or on the number of threads. No sum runs over episodes.
 """
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
@@ -89,7 +89,7 @@ def _move(state, first, count, answers, tables, recordings, settings, pushes):  
 
 @inlined
 def _locate_vehicle(episode, tables):  # type: ignore[no-untyped-def]
-    """Locate the vehicle at the new frame."""
+    """Update the vehicle's arc length along its lane, and note whether it has reached its goal."""
     row = tables.rows[episode.table]
     x, y = episode.vehicle_x, episode.vehicle_y
     episode.route_s, _ = project(tables.lane, episode.table, row.lane_count, row.lane_step, x, y, episode.route_s)
@@ -99,7 +99,7 @@ def _locate_vehicle(episode, tables):  # type: ignore[no-untyped-def]
 
 @inlined
 def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
-    """Locate the pedestrian at the new frame, and note whether the vehicle has struck it."""
+    """Count the frame, update the pedestrian's arc length, and note goal reached and contact with the vehicle."""
     row = tables.rows[episode.table]
     episode.frame += 1
     route, x, y = (
@@ -166,10 +166,10 @@ def _advance(state, first, count, answers, tables, recordings, settings, pushes,
 
 @kernel
 def move_one(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
-    """Move EPISODE[B] of one pedestrian each to the next tick and end what is over; events uint16[B] gets 1 << kind.
+    """Move EPISODE[B] of one pedestrian each by a tick, end those that are over; events uint16[B] gets 1 << kind.
 
-    It does the same as `move_several`, without the loops over rows. Runs with one pedestrian an episode do not compile
-    `move_several`.
+    `move_one` does the same as `move_several`, without the loops over rows. Runs with one pedestrian an episode do not
+    compile `move_several`.
     """
     for i in range(state.size):
         events[i] = 0
@@ -179,9 +179,9 @@ def move_one(state, answers, tables, recordings, settings, pushes, events):  # t
 
 @kernel
 def move_several(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
-    """Move EPISODE[B], `settings.pedestrians` rows an episode, and end what is over; events uint16[B] gets 1 << kind.
+    """Move EPISODE[B], `settings.pedestrians` rows an episode, by a tick, and end those that are over.
 
-    :param pushes: float64[B, 2], scratch memory.
+    :param pushes: float64[B, 2], scratch memory; events: uint16[B], gets 1 << kind.
     """
     for i in range(state.size):
         events[i] = 0
@@ -193,9 +193,9 @@ def move_several(state, answers, tables, recordings, settings, pushes, events): 
 
 @kernel
 def arrive(state, tables, settings, events):  # type: ignore[no-untyped-def]
-    """Locate the agents of the running ones of EPISODE[B] on their paths, and end episodes that are over.
+    """Locate the agents of running EPISODE[B], one pedestrian each, on their paths, and end those that are over.
 
-    As `move_one` does, after another engine has set the positions; events uint16[B] gets 1 << kind.
+    Another engine has set the positions that `move_one` sets otherwise; events uint16[B] gets 1 << kind.
     """
     events[:] = 0
     for i in range(state.size):

@@ -10,8 +10,9 @@ from vpsci_ros.world.world import World
 
 
 def require_own(engine: str, what: str) -> None:
-    """Refuse an engine other than this package's kinematics, since `what` happens in this process.
+    """Refuse an engine other than this package's kinematics, for a command that needs no nodes.
 
+    :param what: happens in this process ("episodes are simulated"), for the message.
     :raises InvalidInput: another engine is chosen.
     """
     if engine != "vpsci":
@@ -25,9 +26,9 @@ def require_own(engine: str, what: str) -> None:
 class Engine:
     """An engine of another Python package, which moves the agents in place of this package's kinematics.
 
-    :ivar connect: of what stands after "://" in `engine`, and of the period of a tick [s]: the server that moves the
-        agents, with a method `close`.
-    :ivar world: makes a `World` of that server and of the arguments of `World`.
+    :ivar connect: returns the server that moves the agents, which has a method `close`; called with the text after
+        "://" in the parameter `engine` and with the period of a tick [s].
+    :ivar world: returns a `World`; called with that server, then with the arguments of `World`.
     """
 
     connect: Callable[[str, float], Any]

@@ -3,12 +3,11 @@
 The policies act at policy frames only, every `policy_period` since the spawn, and their actions stay in force in
 between. They take both agents at the first policy frame that is critical. Each critical tick sets `hold` to
 `release_time`, each other tick counts it down, and control is given back at the first policy frame that is not
-critical and has no hold left. So neither a flicker of CurvTTC nor a critical tick between two policy frames moves
-control to and fro.
+critical and has no hold left. So short changes of CurvTTC do not switch control repeatedly.
 
-The danger is over when the two have passed each other, not when one of them has begun to give way: then the rule-based
-pair, which knows nothing of it, would go on at its speed and on its way into the same conflict, with less room than
-before. The benchmark `benchmarks/outcomes.py --world release_time=...` shows what a shorter wait costs.
+The danger is over when the two have passed each other, not when one of them has begun to yield: the rule-based pair,
+which ignores the yielding, would drive and walk into the same conflict again, with less room than before. The benchmark
+`benchmarks/outcomes.py --world release_time=...` shows what a shorter time costs.
 """
 
 import numpy as np
@@ -27,7 +26,7 @@ def policy_frame(state: NDArray[np.void], config: WorldConfig) -> NDArray[np.boo
 def acting(
     state: NDArray[np.void], on_frame: NDArray[np.bool_], critical: NDArray[np.bool_] | NDArray[np.uint8]
 ) -> NDArray[np.bool_]:
-    """Return in which episodes the policies act now, bool[B].
+    """Return the rows in which the policies act now, bool[B].
 
     A history begins where `acting & (state["controlled"] == 0)`.
 

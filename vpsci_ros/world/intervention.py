@@ -32,8 +32,8 @@ _HEAD = 7  # numbers of an intervention before its accelerations
 class Intervention(NamedTuple):
     """The change of the commands in one episode.
 
-    :ivar frame: frame of the episode.
-    :ivar speed: added to the car's speed at the frame [m/s]; it does not fall below 0.
+    :ivar frame: frame of the episode at which `speed` is added and `forced` begins.
+    :ivar speed: added to the car's speed at `frame` [m/s]; the sum is at least 0.
     :ivar firmer: added to each deceleration of at least `BRAKING` that the system commands [m/s2].
     :ivar forced: accelerations along the car from the frame on [m/s2]; the system may brake more firmly than these.
     :ivar held: speed that the car keeps until the system brakes with `RELEASED` [m/s]; 0: none. The system steers.
@@ -58,7 +58,7 @@ def as_parameter(interventions: dict[tuple[int, int], Intervention]) -> list[flo
 def from_parameter(numbers: Sequence[float]) -> dict[tuple[int, int], Intervention]:
     """Return the interventions of the parameter `interventions`.
 
-    :raises InvalidInput: the list ends within one of them.
+    :raises InvalidInput: the list ends within an intervention.
     """
     found: dict[tuple[int, int], Intervention] = {}
     at = 0
@@ -76,7 +76,7 @@ def from_parameter(numbers: Sequence[float]) -> dict[tuple[int, int], Interventi
 
 
 class Interventions:
-    """The changes of a run; `numbers` is the parameter `interventions`."""
+    """The changes of a run; `numbers` is the parameter `interventions`, with the errors of `from_parameter`."""
 
     def __init__(self, numbers: Sequence[float]) -> None:
         self._changes = from_parameter(numbers)
@@ -103,7 +103,7 @@ class Interventions:
 
 
 def _change(command: NDArray[np.float64], episode: np.void, change: Intervention) -> None:
-    """Change a command in place, (longitudinal, lateral) or (steer, throttle, brake)."""
+    """Change a command in place, (longitudinal, lateral) [m/s2] or (steer, throttle, brake)."""
     along = float(command[0]) if len(command) == 2 else _along(command)
     changed = along
     if change.firmer and along <= -BRAKING:

@@ -32,7 +32,10 @@ _WITHIN = 2.0  # standard deviations
 
 @dataclass(frozen=True)
 class KindMixture:
-    """Relative frequencies of the kinds of pedestrians."""
+    """Relative frequencies of the kinds of pedestrians.
+
+    :raises InvalidInput: all of them are 0.
+    """
 
     adult: float = parameter(1.0, "relative frequency of adults, who walk as recorded", low=0.0, high=1e6)
     older: float = parameter(0.0, "relative frequency of pedestrians above 65 years", low=0.0, high=1e6)

@@ -1,4 +1,4 @@
-"""Motion from accelerations: equations (8)-(13) and (18)-(24), and the kinematic bicycle of the Model 3.
+"""Motion from accelerations: equations (8), (9) and (18)-(24), and the kinematic bicycle of the Model 3.
 
 Scalar functions, compiled, each for one agent; the world calls them slot by slot, so that an episode's bits do not
 depend on its batch. The bicycle's reference point, the one that moves along the heading without side slip, is the

@@ -43,7 +43,10 @@ def look_ahead(s: float, speed: float) -> float:
 
 @kernel
 def pursuit_curvature(points, row, count, step, s, aside, x, y, heading, speed):  # type: ignore[no-untyped-def]
-    """Curvature [1/m] of the arc to the point `aside` [m] left of lane `row`, a look-ahead beyond arc length `s`."""
+    """Curvature [1/m] of the arc to the point `aside` [m] left of lane `row`, a look-ahead beyond arc length `s`.
+
+    1 or -1 where that point lies behind the vehicle.
+    """
     target_x, target_y = point_at(points, row, count, step, look_ahead(s, speed))
     if aside != 0.0:
         next_x, next_y = point_at(points, row, count, step, look_ahead(s, speed) + step)

@@ -23,9 +23,9 @@ REPLAY_WINDOW = 512  # transitions by which the learner may be behind before the
 
 
 class LockStep:
-    """Collects the answers to a tick; those to earlier ticks are ignored, and bad ones count as missing.
+    """Collects the answers to a tick; late answers are ignored, and refused answers count as missing.
 
-    The first answer of a respondent stands. A later one that differs is refused and counted, also when the world has
+    The first answer of a respondent stands. A later answer that differs is refused and counted, also when the world has
     moved on meanwhile: then a second program answers on the same topic, and which of them comes first is chance. An
     answer to a tick that is still to come is refused and counted, too: the monitor and the policies answer only ticks
     that the world has published, so such an answer is another program's, or rests on another program's state.
@@ -37,12 +37,12 @@ class LockStep:
     clock [s].
 
     :param counts: where refused answers and late ticks are counted.
-    :param external: who drives the vehicle where no driver of the world does.
+    :param external: holds the commands of an external driving system; None: another driver drives the vehicle.
     :ivar policies: agents that policies drive.
-    :ivar tick: the present one.
-    :ivar assessment, actions: what monitor and agents have answered to it.
+    :ivar tick: the present tick; None before the first.
+    :ivar assessment, actions: the answers of monitor and agents to the present tick.
     :ivar versions: agent -> version of the policy that answered.
-    :ivar unread: transitions that the learner has not taken in yet.
+    :ivar unread: number of transitions that the learner has not read yet.
     """
 
     def __init__(
@@ -101,7 +101,8 @@ class LockStep:
     def take_assessment(self, number: int, read: Callable[[Tick], Assessment]) -> None:
         """Store the monitor's answer to the tick of this number.
 
-        :raises InvalidInput: `read` does, or it contradicts the first answer, and the answer is refused.
+        :raises InvalidInput: `read` does, the answer contradicts the first one, or the tick is still to come; the
+            answer is refused.
         """
         assessment = self._read(SAFETY, number, read)
         if assessment is not None:
@@ -110,8 +111,8 @@ class LockStep:
     def take_action(self, number: int, agent: str, version: int, read: Callable[[Tick], Floats]) -> None:
         """Store an agent's answer, accelerations float64[B, 2] [m/s2], to the tick of this number.
 
-        :raises InvalidInput: `read` does, they are not finite, or they contradict the first answer, and the answer is
-            refused.
+        :raises InvalidInput: `read` does, an acceleration is not finite, the answer contradicts the first one, or the
+            tick is still to come; the answer is refused.
         """
         answer = self._read(agent, number, lambda tick: finite_pairs(agent, read(tick)))
         if answer is not None:
@@ -163,7 +164,7 @@ class LockStep:
     def _require_over(self, sender: str, number: int, now: int) -> None:
         """Refuse an answer to a tick that is still to come.
 
-        :raises InvalidInput: it is.
+        :raises InvalidInput: `number` is above `now`, the number of the present tick.
         """
         if number > now:
             self._counts.add_fault(sender, "early")

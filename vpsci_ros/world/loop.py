@@ -1,8 +1,8 @@
 """The loop over ticks: the world yields a tick, monitor and agents answer, and the world advances.
 
-It has two drivers. In process the loop calls monitor and agents itself (`ticks`, or `step` one at a time); in the graph
-the world's node passes on the answers that came as messages (`advance`). Whatever becomes of the ticks, a dataset, an
-exam, an evaluation or a training, is up to the caller.
+There are two ways to run it. In one process the loop calls monitor and agents itself (`ticks`, or `step` for a single
+tick); in the graph the world's node passes on the answers that came as messages (`advance`). The caller makes a
+dataset, an exam, an evaluation or a training from the ticks.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -49,13 +49,13 @@ class Loop:
         self._assessed: tuple[Tick, Assessment] | None = None
 
     def __iter__(self) -> Iterator[Step]:
-        """Run the world until its queue of episodes is done, yielding every tick."""
+        """Run the world until its queue of episodes is done, yielding the `Step` of every tick."""
         return self.ticks()
 
     def ticks(self, given: Callable[[Tick, Assessment], Actions] | None = None) -> Iterator[Step]:
-        """Run the world until its queue of episodes is done, yielding every tick.
+        """Run the world until its queue of episodes is done, yielding the `Step` of every tick.
 
-        :param given: returns actions at each tick besides the agents'; None: none.
+        :param given: called at each tick, returns actions besides the agents'; None: there are none.
         """
         while not self.world.done:
             yield self.step(NO_ACTIONS if given is None else given(self.world.now, self.assessment))
@@ -80,11 +80,11 @@ class Loop:
         return replace(given, **{name: action.astype(np.float64) for name, action in acted.items()})
 
     def step(self, given: Actions = NO_ACTIONS) -> Step:
-        """Call monitor and agents, and advance by one tick."""
+        """Call monitor and agents, advance by one tick, and return the `Step`."""
         return self.advance(self.assessment, self.actions(given))
 
     def advance(self, assessment: Assessment, actions: Actions) -> Step:
-        """Advance with these answers to the present tick, see `World.advance`; the returned tick is a copy."""
+        """Advance with these answers to the present tick, see `World.advance`; return the `Step`, its tick a copy."""
         tick = self.world.now
         state = tick.state.view(np.uint8).copy().view(tick.state.dtype)  # whole, sixty times as fast as by fields
         if self._interventions is not None:
@@ -95,7 +95,7 @@ class Loop:
     def restart(self, make_world: Callable[[int], World]) -> None:
         """Continue with another world from the next policy tick, so that time does not run backwards.
 
-        :param make_world: makes it from the number of its first tick.
+        :param make_world: returns the other world, given the number of its first tick.
         """
         every = self.world.config.policy_ticks
         self.world = make_world((self.world.now.number // every + 1) * every)

@@ -27,7 +27,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 class _Elements(ET.TreeBuilder):
-    """Makes a tree of so many elements, without entities, by which a short text unpacks to a long one."""
+    """Tree builder that refuses more than `MOST_ELEMENTS` elements, and document types, whose entities may be huge."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,11 +68,12 @@ class OpenDriveMap:
         self._roads = {road.get("id", ""): road for road in root.iter("road")}
 
     def route(self, lanes: Sequence[tuple[str | int, int]], step: float = 1.0) -> tuple[Floats, float]:
-        """Return the centreline of lanes driven one after the other, float64[N, 2], and the width of the first [m].
+        """Return the centreline of consecutive lanes, float64[N, 2] [m], and the first one's width [m] where s = 0.
 
         :param lanes: (road id, lane id); a lane with a positive id is driven against its road's reference line.
         :param step: distance between points [m], about.
-        :raises InvalidInput: no lane, an unknown one, two that do not join, or a route longer than `LONGEST_ROAD`.
+        :raises InvalidInput: no lane, two lanes that do not join, a route longer than twice `LONGEST_ROAD`, or as
+            `lane_centre`.
         """
         if not lanes:
             raise InvalidInput(f"{self.path}: expected at least one [road, lane], got none")
@@ -97,7 +98,8 @@ class OpenDriveMap:
     def lane_centre(self, road_id: str | int, lane: int, step: float = 1.0) -> Floats:
         """Return the centre of a lane in the direction in which it is driven, float64[N, 2] [m].
 
-        :raises InvalidInput: an unknown road or lane, or a reference line of an unknown kind.
+        :raises InvalidInput: an unknown road or lane, lane 0, a road longer than `LONGEST_ROAD`, a reference line of an
+            unknown kind, or an attribute that is not a number.
         """
         road = self._road(road_id)
         length = _number(road, "length")
@@ -113,7 +115,7 @@ class OpenDriveMap:
     def crosswalk(self, object_id: str | int) -> Floats:
         """Return the outline of an object, float64[K, 2] [m], without a repeated last corner.
 
-        :raises InvalidInput: no such object, or one without local corners.
+        :raises InvalidInput: no such object, or one without 3 to `MOST_CORNERS` local corners.
         """
         for road in self._roads.values():
             for item in road.iterfind("objects/object"):
@@ -191,7 +193,7 @@ class OpenDriveMap:
 
 
 def _within(begins: Sequence[float], s: Floats) -> list[slice]:
-    """Return which places `s`, in rising order, lie in each of the pieces of a road that begin there."""
+    """Return the slice of the places `s`, in rising order, that lies in each piece of a road, by where pieces begin."""
     edges = np.searchsorted(s, begins[1:], side="left").tolist()
     return [slice(*ends) for ends in zip([0, *edges], [*edges, len(s)], strict=True)] if begins else []
 
@@ -200,11 +202,11 @@ def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return a scenario document with coordinates in place of `opendrive`, `vehicle.lanes` and `pedestrian.crosswalk`.
 
     The map's path is taken from the folder of the scenario file. The walking route is the crosswalk's middle line,
-    `BEYOND` at both ends, driven from its other end with `reverse: true`; the goal, unless given, is half a metre
-    beyond the far edge.
+    longer by `BEYOND` at both ends, walked from its other end with `reverse: true`; the goal, unless given, is half a
+    metre beyond the far edge.
 
     :param where: path of the scenario file, which opens each message.
-    :raises InvalidInput: a key is missing or wrong, or see `OpenDriveMap`.
+    :raises InvalidInput: a key is missing or wrong, or as `OpenDriveMap` and its methods.
     """
     require_form(document, {"vehicle": dict, "pedestrian": dict, "opendrive": str}, where)
     vehicle, pedestrian = dict(document["vehicle"]), dict(document["pedestrian"])
@@ -232,7 +234,7 @@ def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
 
 
 def middle_line(outline: Floats) -> tuple[Floats, Floats]:
-    """Return the ends of the line through the middle of a long outline, its western or southern end first."""
+    """Return the ends of a long outline's middle line, float64[2] [m] each, the end further to the south-west first."""
     centre = outline.mean(axis=0)
     _, _, axes = np.linalg.svd(outline - centre)
     along = axes[0] if axes[0] @ np.array([1.0, 1.0]) >= 0.0 else -axes[0]
@@ -289,7 +291,7 @@ def _length(geometry: ET.Element) -> float:
 
 
 def _number(element: ET.Element, key: str, otherwise: float | None = None) -> float:
-    """Return an attribute as a number, or what holds where it is missing (None: it must be there)."""
+    """Return an attribute as a number; where it is missing, `otherwise` (None: the attribute has to be there)."""
     text = element.get(key)
     if text is None and otherwise is not None:
         return otherwise

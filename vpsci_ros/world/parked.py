@@ -1,9 +1,9 @@
 """Parked and waiting vehicles: they hide pedestrians, and a vehicle can hit them.
 
 They stand where their scenario has them, as oriented rectangles, in every episode. Vehicle and pedestrian see each
-other where the line of sight between them is free (`in_sight`); the policies take over an episode only then, and
-keep it once they control it. A contact of the vehicle ends its episode. Pedestrians follow their routes, which lead
-around them, and do not wait for them.
+other where enough of the pedestrian is visible (`in_sight`); only then do the policies take control of an episode, and
+they keep it out of sight. A contact of the vehicle with a parked one ends the episode. Pedestrians follow their routes,
+which lead around parked vehicles, and do not wait for them.
 """
 
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ def visible(state: NDArray[np.void], parked: Parked | None) -> NDArray[np.float6
 
 
 def in_sight(state: NDArray[np.void], parked: Parked | None) -> NDArray[np.bool_]:
-    """Return where vehicle and pedestrian see each other, bool[B] for EPISODE[B] records."""
+    """Return where at least `LEAST_VISIBLE` of the pedestrian is visible, bool[B] for EPISODE[B] records."""
     return visible(state, parked) >= LEAST_VISIBLE
 
 

@@ -71,6 +71,8 @@ def resample(points: NDArray[np.float64], sample: float = SAMPLE) -> Path:
 
     A cubic joins the given points (Catmull and Rom's, over chord lengths), so that points two metres apart describe the
     arc of a turn to a centimetre; points more than `STRAIGHT` apart are joined by a straight line.
+
+    :raises InvalidInput: a polyline longer than `LONGEST`.
     """
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
     if not length <= LONGEST:

@@ -90,7 +90,7 @@ def car_speed(speed: float, acceleration: float, phase: float, time: float) -> f
 def walking_pace(speed: float, acceleration: float, phase: float, time: float, moving: float, set_off: float) -> float:
     """Return the speed [m/s] of a walker, `time` [s] after the spawn and `moving` [s] after it set off from the kerb.
 
-    :param set_off: acceleration [m/s2] from there.
+    :param set_off: acceleration [m/s2] with which it sets off.
     """
     fastest = max(GREATEST_WALK, speed)
     pace = min(fastest, max(LEAST_WALK, wavering(speed, acceleration, phase, WALK_PERIOD, time)))

@@ -1,11 +1,11 @@
 """The pedestrians as a driving system perceives them: a sensor with a view, and a tracker with its errors.
 
-The sensor has a field of view and a range, and sees nobody behind parked vehicles. The tracker that follows misses
-detections, is off in position and velocity by noise that is correlated in time (Gauss and Markov's of first order),
-loses tracks, and publishes its objects late. Every error is off by default.
+The sensor has a field of view and a range, and with `least_visible` detects nobody behind parked vehicles. The tracker
+misses detections, has errors of position and velocity that are correlated in time (a Gauss-Markov process of first
+order), loses tracks, and publishes its objects late. Every error is off by default, and parked vehicles hide nobody.
 
 `perceive` is a pure function of its memory and the state, row by row: a row is a vehicle and one of its pedestrians,
-and with P pedestrians an episode takes P rows in a row. Errors are drawn from the counter-based generator, by seed,
+and with P pedestrians an episode takes P consecutive rows. Errors are drawn from the counter-based generator, by seed,
 scenario, episode, frame and pedestrian, so that an episode is perceived alike in every batch, and again from its bag.
 """
 
@@ -127,7 +127,7 @@ def perceive(
 ) -> tuple[PerceptionState, NDArray[np.void]]:
     """Return the memory for the next frame and the objects published at this one, OBJECT[R].
 
-    An episode with missing frames starts anew at the next frame that it has.
+    After a missing frame, an episode's tracks begin anew.
 
     :param state: EPISODE[R], `pedestrians` rows for each episode.
     :param period: of a tick [s].
@@ -193,7 +193,7 @@ def _perceive(state, share, begun, settings, pedestrians, trackers, objects):  #
 
 @kernel
 def _begins(episode, tracker):  # type: ignore[no-untyped-def]
-    """Return whether another episode is there than in the frame before."""
+    """Return whether the tracker does not know this episode's frame before: a new episode, a missing frame, idle."""
     same = episode.scenario == tracker.scenario and episode.episode == tracker.episode
     return not (same and episode.frame == tracker.frame + 1 and episode.status != IDLE)
 

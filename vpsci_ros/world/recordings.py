@@ -17,7 +17,8 @@ class Recorded:
     :param episodes: (scenario number, episode number) -> (vehicle, pedestrian) with vehicle float[T, 5] as (x, y,
         heading, speed, curvature) and pedestrian float[T, 4] as (x, y, vx, vy), metres, radians, seconds, frame 0
         first. The agent that is not replayed may be all zeros.
-    :raises InvalidInput: no episodes, a wrong shape, numbers that are not finite, a negative speed.
+    :raises InvalidInput: no episodes, a wrong shape, numbers that are not finite, a negative speed, or agents with
+        different numbers of frames.
     """
 
     def __init__(self, episodes: Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike]]) -> None:
@@ -44,7 +45,7 @@ class Recorded:
     def row(self, scenario: int, episode: int) -> int:
         """Return the row of an episode in `arrays`.
 
-        :raises InvalidInput: it was not recorded.
+        :raises InvalidInput: the episode was not recorded.
         """
         if (scenario, episode) not in self._rows:
             raise InvalidInput(

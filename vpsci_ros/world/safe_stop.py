@@ -27,8 +27,8 @@ class ExternalDriver:
     command holds; when it is older than `COMMAND_SILENCE`, the vehicle brakes, more and more firmly, until commands
     come again.
 
-    A command is refused and counted when it is not finite, out of range, for a tick that has not been, or too old:
-    stamped before the present tick (lock-step), or longer than `COMMAND_SILENCE` ago or before the last one (real
+    A command is refused and counted when it is not finite, out of range, for a tick that is still to come, or too old:
+    stamped before the present tick (lock-step), or longer than `COMMAND_SILENCE` ago or before the last command (real
     time). Stamps are nanoseconds of simulated time; None means the present.
 
     :param real_time: the world does not wait for commands.
@@ -99,7 +99,7 @@ class ExternalDriver:
     def accelerate(self, values: Sequence[float], stamp: int | None = None) -> None:
         """Store a command (longitudinal, lateral) [m/s2].
 
-        :raises InvalidInput: it is refused, see above.
+        :raises InvalidInput: the command is refused, see the class.
         """
         command = self._checked("vehicle", values, [-LARGEST_ACCELERATION] * 2, [LARGEST_ACCELERATION] * 2)
         self._take(command, values, stamp)
@@ -107,7 +107,7 @@ class ExternalDriver:
     def control(self, values: Sequence[float], stamp: int | None = None, tick: int = 0) -> None:
         """Store a command (steer, throttle, brake); a `tick` other than 0 replaces its stamp.
 
-        :raises InvalidInput: it is refused, see above.
+        :raises InvalidInput: the command is refused, see the class.
         """
         command = self._checked("vehicle_control", values, [-1.0, 0.0, 0.0], [1.0, 1.0, 1.0])
         self._take(command, values, tick * self._tick_time if tick else stamp)
@@ -142,7 +142,7 @@ class ExternalDriver:
             self._fresh, self._given_up = True, False
 
     def _again(self, stamp: int | None) -> bool:
-        """Return whether it is another answer to a tick that was published repeatedly, and has been answered."""
+        """Return whether `stamp` is that of a tick that was published repeatedly and has been answered."""
         repeated, answers = self._repeated
         if stamp != repeated or answers == 0 or (stamp == self._now and not self._fresh):
             return False

@@ -1,8 +1,8 @@
 """A scenario: the vehicle's lane, the pedestrian's route, and the ranges of the spawn.
 
-A scenario is a YAML file, one's own intersection as well as the eight of the paper in `params/scenarios/` (the first
-of them explains each key) and those of `params/scenarios/town10hd/`, which are found by number or name as well.
-Everything is checked on reading, and an error names the file and the key.
+A scenario is a YAML file: your own, one of the paper's eight in `params/scenarios/` (the first of them explains each
+key), or one of `params/scenarios/town10hd/`. Those of the package are found by number or name. Everything is checked on
+reading, and an error names the file and the key.
 """
 
 import hashlib
@@ -44,7 +44,7 @@ MOST_PARKED = 32
 
 @dataclass(frozen=True)
 class VehicleScenario:
-    """The vehicle's lane and goal: arc lengths along the centreline [m]; a spawn is drawn from intervals."""
+    """The vehicle's lane and goal, and the intervals of its spawn; places are arc lengths of the centreline [m]."""
 
     path: Path
     lane_width: float  # [m]
@@ -57,7 +57,7 @@ class VehicleScenario:
 
 @dataclass(frozen=True)
 class PedestrianScenario:
-    """The pedestrian's route and goal: arc lengths along it [m]; a spawn is drawn from intervals."""
+    """The pedestrian's route and goal, and the intervals of its spawn; places are arc lengths of the route [m]."""
 
     path: Path
     goal: float  # [m] along the route: the other side
@@ -81,7 +81,7 @@ class Scenario:
     pedestrian: PedestrianScenario
     crosswalk: Points  # float64[K, 2] [m], for pictures; K = 0: not known
     parked: Points  # float64[K, 5]: x, y of the centre [m], heading [rad], length, width [m] of vehicles that stand
-    document: Mapping[str, Any] = field(compare=False, repr=False)  # it was made from, without reference to a map
+    document: Mapping[str, Any] = field(compare=False, repr=False)  # YAML, with coordinates in place of a map
     sha256: str = ""  # of its file and of the map that it names; empty: it was not read from a file
 
 
@@ -114,10 +114,11 @@ def _own(folder: FilePath) -> dict[int, FilePath]:
 def load_scenarios(
     which: Iterable[int | str | FilePath], own: Iterable[str | FilePath | Scenario] = ()
 ) -> list[Scenario]:
-    """Return several scenarios, see `load_scenario`.
+    """Return the scenarios `which`, in that order, each by number, name or path, see `load_scenario`.
 
-    :param own: your own scenarios, or their files; `which` may contain their numbers.
-    :raises InvalidInput: also for two with one number, or one of `own` that is not in `which`.
+    :param own: your own scenarios, or their files; `which` has to contain their numbers.
+    :raises InvalidInput: as `load_scenario`; two scenarios with one number; one of `own` that is not in `which`, or has
+        the number of one of the paper's.
     """
     which, added = list(which), {scenario.number: scenario for scenario in map(_of_ones_own, own)}
     if left := [scenario for number, scenario in added.items() if number not in which]:
@@ -304,7 +305,7 @@ def _parked(values: Any, pedestrian: PedestrianScenario, where: str) -> Points:
 
 
 def _crossing(route: Path, lane: Path) -> float | None:
-    """Return where along `route` [m] it crosses `lane`, or None."""
+    """Return the arc length [m] of `route` at which it first crosses `lane`, or None."""
     p, r = route.points[:-1, None], np.diff(route.points, axis=0)[:, None]
     q, s = lane.points[None, :-1], np.diff(lane.points, axis=0)[None]
     cross = r[..., 0] * s[..., 1] - r[..., 1] * s[..., 0]

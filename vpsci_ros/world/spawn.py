@@ -1,6 +1,6 @@
 """How an episode begins: a pure function of (seed, scenario, episode number) and the pedestrian's number.
 
-Where vehicle and pedestrians are then, a file of `spawns` says.
+A file of `spawns` draws the positions and motions of vehicle and pedestrians.
 """
 
 import math
@@ -51,9 +51,9 @@ def _reset(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
 def spawn(state, first, table, number, seed, tables, crowd, which, period):  # type: ignore[no-untyped-def]
     """Start an episode of scenario `tables.rows[table]` in the rows of EPISODE[B] from `first` on, at frame 0.
 
-    Return how many there are, one a pedestrian.
+    Return the number of these rows, one a pedestrian.
 
-    :param which: index in `SPAWNS`; `period`: of a tick [s].
+    :param which: index in `SPAWNS`; period: of a tick [s].
     """
     leader, row = state[first], tables.rows[table]
     _reset(leader, table, row, number, 0)

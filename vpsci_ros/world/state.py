@@ -37,7 +37,7 @@ _QUANTITIES = (
     "throttle",  # 0 to 1
     "brake",  # 0 to 1
     "route_s",  # [m] along the lane's centreline
-    "cruise_throttle",  # 0.6 to 0.9, drawn at the spawn: how fast the autopilot drives
+    "cruise_throttle",  # the autopilot's drawn speed as a share of `full_throttle_speed`; `paper`: 0.6 to 0.9
     # the pedestrian: centre of its disc
     "pedestrian_x",  # [m]
     "pedestrian_y",  # [m]
@@ -51,7 +51,7 @@ _QUANTITIES = (
     "reaction_delay",  # [s] after the hand-over before the policy moves the walker; infinity: never
     "pedestrian_ax",  # [m/s2] of the last tick
     "pedestrian_ay",  # [m/s2]
-    # how the two approach each other, drawn at a human spawn; see `people`
+    # how the two approach each other, drawn by the spawns `right_turns` and `human`; see `people`
     "meeting_s",  # [m] along the lane's centreline: where the walker's line crosses it
     "approach_acceleration",  # [m/s2] within which the driver keeps its speed, to the meeting
     "approach_phase",  # 0 to 1
@@ -91,7 +91,7 @@ _COUNTS = (
     "pedestrians",  # how many the episode has
 )
 _CODES = (
-    "scenario",  # 1 to 8, more for one's own
+    "scenario",  # number, 1 to 255; 1 to 8 are the paper's
     "status",  # IDLE, RUNNING, ENDED
     "outcome",  # NONE until the status is ENDED
     "controlled",  # 1: the policies control the agents

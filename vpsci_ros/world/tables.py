@@ -1,6 +1,6 @@
 """Scenarios as arrays for compiled code, with padded paths: one row each, and one for the opposite route.
 
-Row s + S is scenario s of S walked the other way, from where it ends to where people wait in row s.
+Row s + S is scenario s of S with the walking route reversed; its goal is where pedestrians of row s wait.
 """
 
 from collections.abc import Sequence
@@ -93,7 +93,7 @@ class Recordings(NamedTuple):
 
 
 def settings_from(config: WorldConfig) -> Settings:
-    """Return a configuration for compiled code."""
+    """Return a `WorldConfig` as `Settings`, for compiled code."""
     return Settings(
         period=config.tick,
         policy_ticks=config.policy_ticks,
@@ -111,7 +111,7 @@ def settings_from(config: WorldConfig) -> Settings:
 
 
 def crowd_from(config: WorldConfig) -> Crowd:
-    """Return the parameters of crowd and kinds for compiled code."""
+    """Return a configuration's crowd and kinds as `Crowd`, for compiled code."""
     return Crowd(
         sizes=config.crowd.size_limits(config.pedestrians),
         roles=config.crowd.role_limits(),
@@ -122,8 +122,8 @@ def crowd_from(config: WorldConfig) -> Crowd:
 def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Tables:
     """Return S > 0 scenarios as tables, followed by the same ones with the walking route the other way round.
 
-    :param spawn: `WorldConfig.spawn`; with the paper's, and with `mixed`, the vehicle's goal is at most `PAPERS_GOAL`
-        behind the crossing.
+    :param spawn: `WorldConfig.spawn`; with `paper` and `mixed` the vehicle's goal is at most `PAPERS_GOAL` beyond the
+        crossing.
     """
     rows = np.zeros(len(scenarios), SCENARIO)
     for row, scenario in zip(rows, scenarios, strict=True):

@@ -1,6 +1,6 @@
 """The values of one tick: the world's `Tick`, the monitor's `Assessment` of it, the agents' `Actions`.
 
-Each is checked once, in its constructor.
+Answers are checked once: an `Assessment` in `Tick.assessed`, `Actions` in their constructor.
 """
 
 import math
@@ -58,7 +58,7 @@ class Tick(NamedTuple):
         )
 
     def unassessed(self) -> Assessment:
-        """Return the assessment of this tick without an answer of the monitor."""
+        """Return the assessment of this tick without an answer of the monitor: CurvTTC infinite, nothing critical."""
         batch = len(self.state)
         none = np.zeros(batch, np.bool_)
         return Assessment(

@@ -35,13 +35,13 @@ class World:
     the batch, on its slot or on the other episodes. Fresh episodes enter at policy ticks only, so that all slots have
     their policy frames at the same ticks. The last frame of an episode is shown for one tick, with status ENDED.
 
-    :param episodes: (scenario number, episode number) in the order in which slots take them; read as slots get free,
-        so it may be an endless iterator.
+    :param episodes: (scenario number, episode number) in the order in which slots take them; read as slots become
+        free, so it may be an endless iterator.
     :param recorded: motion of the agents whose driver is "replay".
     :param first_tick: number of the first tick, a policy tick.
     :ivar now: the present tick; its state is the world's own array, valid until the next one.
-    :raises InvalidInput: no scenario, two with one number, a batch below 1, an episode whose scenario is not given or
-        which has no recording though one is needed.
+    :raises InvalidInput: no scenario, two with one number, a batch below 1, a seed or an episode number out of range,
+        an episode whose scenario is not given or which has no recording though one is needed.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class World:
     ) -> NDArray[np.void]:
         """Start these episodes in these slots, replacing running ones; return their STARTED events, EVENT[n].
 
-        For environments that decide themselves when an episode is over; give such a world an empty queue.
+        `place` is for environments that decide themselves when an episode is over; give such a world an empty queue.
 
         :param slots: places in the batch, from 0 to `batch` - 1.
         :param seeds: of each episode; the world's own seed where not given.
@@ -156,7 +156,7 @@ class World:
     def resume(self, parked: Points) -> None:
         """Refresh the present tick after another engine has set positions in `state`.
 
-        Episodes that have ended go on: whether they are over is for the other engine to say.
+        Episodes that have ended run again: the other engine decides when an episode is over.
 
         :param parked: vehicles that stand now, float64[K, 5], see `vpsci_ros.world.scenario.Scenario.parked`.
         """

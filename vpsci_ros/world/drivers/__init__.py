@@ -4,7 +4,8 @@ A driver has a function `vehicle`, which returns (steer, throttle, brake), or `p
 acceleration (ax, ay) [m/s2] in the map frame, or both; those of `replay` move the agent themselves. `walker` is the
 pedestrian of "autopilot". Without a command or an action the rule-based pair drives.
 
-Vehicle and pedestrians are decided on the same frame: call `acceleration` and `controls` before any of them is moved.
+Vehicle and pedestrians decide on the same frame: `controls` and `keep_apart` are called before any of them moves, and
+`acceleration` reads the pedestrian's own record only.
 """
 
 from vpsci_ros.world.approach import lane_sway, step_towards
@@ -42,7 +43,7 @@ def controls(state, i, count, answers, tables, settings):  # type: ignore[no-unt
 def acceleration(episode, i, answers, tables, settings, pushes):  # type: ignore[no-untyped-def]
     """Return the pedestrian's acceleration (ax, ay) [m/s2] in the map frame, after the gain of (21)-(24).
 
-    What the others of its episode push it, `pushes` [B, 2] [m/s2], is added to whatever moves it.
+    The repulsion by the episode's other pedestrians, `pushes` float64[B, 2] [m/s2], is added with every driver.
     """
     ax, ay, smooth = _intended(episode, i, answers, tables, settings)
     if episode.pedestrians > 1:
@@ -54,7 +55,7 @@ def acceleration(episode, i, answers, tables, settings, pushes):  # type: ignore
 
 @inlined
 def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] that the pedestrian intends, and whether it keeps to its jerk."""
+    """Return the acceleration (ax, ay) [m/s2] that the driver intends, and whether the limit of jerk applies."""
     driver = settings.pedestrian_driver
     if driver == EXTERNAL and len(answers.pedestrian_action):
         ax, ay = external.pedestrian(episode, answers.pedestrian_action[i, 0], answers.pedestrian_action[i, 1])

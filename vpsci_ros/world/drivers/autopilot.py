@@ -1,8 +1,9 @@
 """The rule-based driver: keeps its lane and its speed, and brakes for the nearest pedestrian straight ahead.
 
 It drives until an episode is critical, and with `walker` whole episodes as the baseline of sections 4.5 and 4.6 of the
-paper ("CARLA default"): it brakes fully when a pedestrian is within a fixed distance straight ahead, whatever the
-speeds. With a spawn of people it drives as a recorded driver: as recorded until the onset, then by `approach`.
+paper ("CARLA default"). It brakes when a pedestrian is within a fixed distance straight ahead, whatever the speeds:
+fully with the spawn `paper`, and as firmly as speed and distance require with `right_turns` and `human`. With these two
+it drives by `approach`; an episode of `right_turns` follows the recorded car until the onset.
 """
 
 import math
@@ -21,9 +22,10 @@ _STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to eithe
 
 @kernel
 def gap_ahead(state, first, count, proximity_distance):  # type: ignore[no-untyped-def]
-    """Return the distance [m] from the vehicle's front to the nearest pedestrian straight ahead; infinity: none.
+    """Return the distance [m] from the vehicle's front to the nearest pedestrian that is `too_near`; infinity: none.
 
-    Of those in rows `first` to `first + count` of EPISODE[B], all of one episode.
+    The `count` pedestrians of one episode are those in the rows of EPISODE[B] from `first` on. The distance is that of
+    a pedestrian's centre, and below 0 beside the front half of the vehicle.
     """
     gap = math.inf
     for i in range(first, first + count):
@@ -64,8 +66,8 @@ def vehicle(state, i, count, keeping, tables, settings):  # type: ignore[no-unty
 
 @kernel
 def too_near(forward: float, left: float, half_length: float, reach: float, distance: float) -> bool:
-    """Whether a pedestrian at (forward, left) [m] of the vehicle's centre is straight ahead, `distance` [m] or nearer.
+    """Whether a pedestrian at (forward, left) [m] of the vehicle's centre is less than `distance` [m] before its front.
 
-    `distance` counts from the vehicle's front; straight ahead is within `reach` [m] of the centre line.
+    Only pedestrians straight ahead count: ahead of the vehicle's centre, and within `reach` [m] of its centre line.
     """
     return 0.0 < forward < half_length + distance and abs(left) < reach

@@ -21,6 +21,6 @@ def vehicle(episode, along, left, keeping, settings):  # type: ignore[no-untyped
 
 @inlined
 def pedestrian(episode, along, left):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] by a command in the vehicle's heading frame, times `GAIN`."""
+    """Return the acceleration (ax, ay) [m/s2], map frame: a command (vehicle's heading frame), times `GAIN`."""
     ax, ay = from_heading_frame(episode.vehicle_heading, along, left)
     return GAIN * ax, GAIN * ay

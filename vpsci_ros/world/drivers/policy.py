@@ -21,6 +21,6 @@ def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
 
 @inlined
 def pedestrian(episode, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy."""
+    """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy in the map frame, times the gain."""
     ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
     return settings.pedestrian_gain * ax, settings.pedestrian_gain * ay

@@ -1,11 +1,11 @@
-"""The social force model: repulsion between pedestrians, and a reference pedestrian repelled by the vehicle.
+"""The social force model: the driver `social_force`, whom the vehicle repels, and repulsion between pedestrians.
 
 See 'Social force model for pedestrian dynamics' by Helbing and Molnar, Physical Review E 51, 1995
-(https://doi.org/10.1103/PhysRevE.51.4282), for the form and for the repulsion between pedestrians. There it is an
-ellipse that grows with the step of the other one; here it acts where the two will be nearest, as in 'Social force model
-with explicit collision prediction' by Zanlungo, Ikeda and Kanda, EPL 93, 2011, which pushes both alike. How stiff
-bodies are, and the strength of the vehicle's repulsion, are set here, the latter so that a pedestrian walking at 1.4
-m/s straight at a standing vehicle comes to rest one metre from it.
+(https://doi.org/10.1103/PhysRevE.51.4282), for the form and for the repulsion between pedestrians. Their repulsion is
+elliptic and grows with the other pedestrian's step; here it acts where the two will be nearest, as in 'Social force
+model with explicit collision prediction' by Zanlungo, Ikeda and Kanda, EPL 93, 2011, and pushes both alike. The
+stiffness of bodies and the strength of the vehicle's repulsion are our choice, the latter so that a pedestrian walking
+at 1.4 m/s straight at a standing vehicle comes to rest one metre from it.
 """
 
 import math
@@ -76,8 +76,8 @@ def keep_apart(state, first, count, pushes):  # type: ignore[no-untyped-def]
 def repulsion(dx, dy, vx, vy):  # type: ignore[no-untyped-def]
     """Acceleration (ax, ay) [m/s2] of a pedestrian at (dx, dy) [m] and (vx, vy) [m/s] relative to another one.
 
-    It is the repulsion at the nearest point within the next `FORESIGHT`, so that pedestrians who meet step aside.
-    Bodies that touch are pressed apart.
+    The repulsion is that at the nearest approach within the next `FORESIGHT`, so that pedestrians who meet step aside.
+    Bodies that overlap are pressed apart.
     """
     square = vx * vx + vy * vy
     ahead = min(FORESIGHT, max(0.0, -(dx * vx + dy * vy) / square)) if square > 0.0 else 0.0

@@ -1,6 +1,7 @@
-"""The walker: follows its route at its speed and does not react.
+"""The walker: follows its route at its speed and does not react to the vehicle.
 
-With a spawn of people it walks as a recorded pedestrian: as recorded until the onset, then along its own line.
+With the spawns `right_turns` and `human` it walks along a line of its own; an episode of `right_turns` follows the
+recorded pedestrian until the onset.
 """
 
 import math
@@ -58,7 +59,7 @@ def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
 
 @kernel
 def walk_velocity(points, row, count, step, s, offset, x, y, speed):  # type: ignore[no-untyped-def]
-    """Velocity (east, north) [m/s] of a walker at (x, y) that follows its route, `offset` [m] to its left."""
+    """Velocity (east, north) [m/s] of a walker at (x, y) that walks `offset` [m] to the left of its route."""
     here_x, here_y, ux, uy = line_at(points, row, count, step, s + WALK_LOOK_AHEAD)
     dx, dy = here_x - offset * uy - x, here_y + offset * ux - y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -67,7 +68,7 @@ def walk_velocity(points, row, count, step, s, offset, x, y, speed):  # type: ig
 
 @kernel
 def walk_acceleration(change_x: float, change_y: float, most: float, period: float) -> tuple[float, float]:
-    """Acceleration (ax, ay) [m/s2] for a change of velocity [m/s], `most` [m/s2] at most."""
+    """Acceleration (ax, ay) [m/s2] that changes the velocity by this [m/s] in a tick, of `most` [m/s2] at most."""
     change = math.sqrt(change_x * change_x + change_y * change_y)
     scale = 1.0 / period if change <= most * period else most / change
     return change_x * scale, change_y * scale

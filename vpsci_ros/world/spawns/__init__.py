@@ -30,7 +30,7 @@ def as_recorded(which, episode):  # type: ignore[no-untyped-def]
 
 @kernel
 def begin(which, episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
-    """Put the vehicle and the first pedestrian where they are at the spawn; return the time to the crossing [s]."""
+    """Place vehicle and first pedestrian at the spawn; return the car's time to the crossing [s], 0 for `paper`."""
     which = spawn_of(which, episode)
     if which == RIGHT_TURNS:
         return right_turns.begin(episode, row, tables, seed, period)

@@ -1,8 +1,8 @@
-"""The spawn `human`: both agents begin one or two seconds before a drawn onset of a conflict.
+"""The spawn `human`: both agents begin one to two seconds before the drawn onset of a conflict.
 
-Both are on their way already; a few walkers wait at the kerb and set off in time. What they are like at the onset is
-drawn from recorded onsets (`people`), how near they come to each other uniformly from all the courses that collide, and
-from there both are traced back along lane and route to the spawn. Further walkers join, each with a meeting of its own.
+Both are on their way already; a few walkers wait at the kerb and set off in time. Speeds, accelerations and lines at
+the onset are drawn from recorded onsets (`people`), and so is the distance by which the two miss each other. From the
+onset both are traced back along lane and route to the spawn. Further walkers join, each with a conflict of its own.
 """
 
 import math
@@ -56,7 +56,7 @@ def meet_car(episode, leader, row, tables, seed, drives, turning):  # type: igno
     """Draw a further walker with its own conflict with the `leader` record's car, and place it at the spawn.
 
     :param drives: time [s] that the car needs from the spawn to where it meets the leader.
-    :param turning: they walk as in right turns.
+    :param turning: the walker's speed and line are those of right turns.
     """
     speed = leader.cruise_throttle * tables.rows[leader.table].full_throttle_speed
     draw_walker(episode, row, tables, seed, turning)
@@ -84,7 +84,7 @@ def draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
 
 @kernel
 def _wave(drawn):  # type: ignore[no-untyped-def]
-    """Return sine and cosine of somebody's sway, standard normal."""
+    """Return the coefficients of sine and cosine of an agent's sway, standard normal."""
     return normal_pair(unit(drawn[0]), unit(drawn[1]))
 
 
@@ -96,7 +96,7 @@ def _pace(onset, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped-def]
-    """Draw the walker and its line."""
+    """Draw the walker and its line; with `turning` from recorded right turns."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
     episode.walking_phase = unit(walk_sway[2])
     stride = quantile(people.STRIDES, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[1]))
@@ -174,7 +174,7 @@ def put_car(episode, row, tables, s, speed):  # type: ignore[no-untyped-def]
 def place_walker(episode, row, tables, walks, seed):  # type: ignore[no-untyped-def]
     """Place the walker `walks` [s] before the crossing, including its waiting time.
 
-    A child waits at the kerb for what it does not need to run.
+    A child waits at the kerb for the rest of that time, if its run takes less.
     """
     if episode.kind == CHILD:
         kerb = row.standing_room * unit(draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)[3])

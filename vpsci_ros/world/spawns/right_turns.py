@@ -170,7 +170,7 @@ def _put_at_onset(episode, row, tables, s, first, second, third):  # type: ignor
 
 @kernel
 def _walk_on(episode, row, tables, stands, vx, vy):  # type: ignore[no-untyped-def]
-    """Lay the walker's line from where it is at the onset, in its direction then (`vx`, `vy`), and where it meets."""
+    """Set the walker's line, from where it is at the onset along (vx, vy), and where that crosses the lane."""
     route = tables.walk, episode.table, row.walk_count, row.walk_step
     near = nearest(*route, episode.pedestrian_x, episode.pedestrian_y)
     near, aside = project(*route, episode.pedestrian_x, episode.pedestrian_y, near)
@@ -191,7 +191,8 @@ def _walk_on(episode, row, tables, stands, vx, vy):  # type: ignore[no-untyped-d
 def _trace_back(episode, row, tables, period):  # type: ignore[no-untyped-def]
     """Trace both back from the onset to the spawn, tick by tick.
 
-    Return whether it is critical at the onset, and not before, and the car touches no parked one on the way.
+    Return whether the episode is critical at the onset, and not more than `_JUST_BEFORE` earlier, and the car touches
+    no parked vehicle on the way.
     """
     onset = tables.onsets[episode.driver_onset - 1]
     time = onset_time(onset)
