@@ -79,7 +79,7 @@ def drive_then(onset, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def walk_then(onset, time):  # type: ignore[no-untyped-def]
-    """Return the recorded walker's velocity [m/s], `time` [s] after the spawn, along the car's onset heading, left."""
+    """Return the recorded velocity (along, left) [m/s] of a walker in the car's onset frame, at `time` [s]."""
     return _recorded(onset, WALK_ALONG, time), _recorded(onset, WALK_LEFT, time)
 
 

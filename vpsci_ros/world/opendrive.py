@@ -68,7 +68,9 @@ class OpenDriveMap:
         self._roads = {road.get("id", ""): road for road in root.iter("road")}
 
     def route(self, lanes: Sequence[tuple[str | int, int]], step: float = 1.0) -> tuple[Floats, float]:
-        """Return the centreline of consecutive lanes, float64[N, 2] [m], and the first one's width [m] where s = 0.
+        """Return the centreline of consecutive lanes, float64[N, 2] [m], and the width [m] of the first one.
+
+        The width is that at the start of the first lane's road.
 
         :param lanes: (road id, lane id); a lane with a positive id is driven against its road's reference line.
         :param step: distance between points [m], about.
