@@ -1,6 +1,6 @@
 """The policy of one agent, from a world state to an action, used by the loop in one process and by a node.
 
-A policy is a bank of recorded people (`vpsci_ros.policy.bank`), or the networks of a weights file.
+A policy is a bank of recorded reactions (`vpsci_ros.policy.bank`), or the networks of a weights file.
 """
 
 from collections.abc import Mapping
@@ -25,16 +25,16 @@ from vpsci_ros.world.tick import Assessment, Tick
 class PolicyAgent:
     """The policy of one agent over a batch of parallel episodes.
 
-    Of several pedestrians in an episode each acts on its own. Their vehicle has a history with each of them, and acts
-    in all rows as it does where CurvTTC is least, see `vpsci_ros.world.crowd.leading_rows`.
+    Several pedestrians in an episode act independently. Their vehicle has a history with each of them, and acts in all
+    rows as in the row with the least CurvTTC, see `vpsci_ros.world.crowd.leading_rows`.
 
     Call `load` before `act`.
 
     :param agent: "vehicle" or "pedestrian".
-    :param seed: of the exploration noise and of which recorded people act.
+    :param seed: of the exploration noise and of the choice of reactions.
     :param explore: networks: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
-    :param noise: how much; None: the defaults.
-    :param people: of a bank, whose reactions act; empty: the first one's.
+    :param noise: amplitude of the noise; None: the defaults.
+    :param people: source in a bank whose reactions are replayed; empty: the first source.
     """
 
     def __init__(
@@ -54,7 +54,8 @@ class PolicyAgent:
 
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
 
-        :raises InvalidInput: a bank that does not know the people, or networks where people are named.
+        :raises InvalidInput: a bank without the source `people`, networks although a source is named, or networks of
+            another shape than those that act.
         """
         require_source(policy, self._people)
         first, same = self._policy is None, isinstance(policy, Weights) and isinstance(self._work, NetworkAtWork)
@@ -77,7 +78,7 @@ class PolicyAgent:
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float32]:
         """Return accelerations [m/s2], float32[B, 2] as (longitudinal, lateral); 0 where the policy does not act.
 
-        Call it at every policy frame, also where nobody acts: histories go on.
+        Call `act` at every policy frame, also where no row acts: histories continue.
         """
         assert self._policy is not None, "act() before load()"
         state, active = tick.state, assessment.acting
@@ -101,7 +102,7 @@ class PolicyAgent:
         return self._work.recorded(slot) if isinstance(self._work, PeopleAtWork) else -1
 
     def beyond(self, slot: int) -> bool | None:
-        """Return whether the hand-over in a slot was beyond the source's range; None: no bank, or no hand-over yet."""
+        """Return whether a slot's last hand-over was beyond the source's range; None: no bank, or no hand-over yet."""
         return self._work.beyond(slot) if isinstance(self._work, PeopleAtWork) else None
 
     @property

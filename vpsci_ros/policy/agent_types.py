@@ -15,8 +15,8 @@ from vpsci_ros.world.observation import AGENTS
 class AgentType:
     """A kind of agent, see docs/extending.md.
 
-    :ivar make: returns what acts, given "vehicle" or "pedestrian" and the parameters of that agent's node.
-    :ivar agents: which of the two it can be.
+    :ivar make: returns the agent, given "vehicle" or "pedestrian" and the parameters of that agent's node.
+    :ivar agents: "vehicle", "pedestrian" or both: the agents that `make` accepts.
     """
 
     make: Callable[[str, PolicyConfig], Agent]
@@ -29,7 +29,8 @@ AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: Agen
 def make_agent(agent: str, config: PolicyConfig) -> Agent:
     """Return the agent for "vehicle" or "pedestrian"; a policy has no weights yet, see `PolicyAgent.load`.
 
-    :raises InvalidInput: no agent has this name, the package that adds it is broken, or it cannot be this one.
+    :raises InvalidInput: no kind of agent is called `config.agent`, the package that adds it is broken, or the kind
+        cannot be this agent.
     """
     kind = AGENT_TYPES.find(config.agent)
     if agent not in kind.agents:

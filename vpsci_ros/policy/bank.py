@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 
 class Reactions(NamedTuple):
-    """M recorded situations and S recorded steps of 0.1 s, of one source.
+    """M recorded situations and S recorded steps of 0.1 s, for one source.
 
     :ivar features: float64[8, M], see `features_of`, each divided by `scale`.
     :ivar scale: float64[8], standard deviation of each feature over the onsets.
@@ -49,8 +49,8 @@ class Reactions(NamedTuple):
         situations with the pedestrian to the left. The vehicle's are relative to its speed in the situation:
         acceleration / speed [1/s] and sideways acceleration, curvature * speed * speed [m/s2].
     :ivar reach: float64[4, 5], quantiles of the onsets, see `vpsci_ros.policy.onset_range`.
-    :ivar far: float64[M], what is added to the squared distance of each situation: 0, or more where it is of
-        another source that serves where the own one has nothing like it.
+    :ivar far: float64[M], added to the squared distance of each situation: 0, or more for a situation of another
+        source, which serves where the own source has nothing like it.
     """
 
     features: Floats
@@ -74,7 +74,7 @@ class Bank:
     def of(self, people: str = "") -> Reactions:
         """Return the reactions of one source; without a name, of the first.
 
-        :raises InvalidInput: the bank does not know them.
+        :raises InvalidInput: the bank does not have this source.
         """
         if people and people not in self.reactions:
             raise InvalidInput(
@@ -96,10 +96,10 @@ def source_of(name: str) -> str:
 
 
 def situations_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> Floats:
-    """Return recorded situations, float64[..., 7].
+    """Return situations, float64[..., 7], from the vehicle's observations, acceleration and yaw rate.
 
     Speed, acceleration and yaw rate of the vehicle [m/s, m/s2, rad/s], then place [m] and velocity [m/s] of the
-    pedestrian in its heading frame, forward and left each.
+    pedestrian in the vehicle's heading frame, forward and left each.
 
     :param observed: float[..., 6], what the vehicle observes, equation (6).
     :param acceleration, yaw_rate: float[...], of the vehicle [m/s2, rad/s].
@@ -111,7 +111,7 @@ def situations_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: 
 
 @kernel
 def situations_in(state, rows, out):  # type: ignore[no-untyped-def]
-    """Write the situations of the `rows`, bool[B], of EPISODE[B] to float64[B, 7]; see `situations_of`."""
+    """Write the situations of EPISODE[B] where `rows`, bool[B], to `out`, float64[B, 7]; see `situations_of`."""
     for i in range(state.size):
         if rows[i]:
             slot, m = state[i], out[i]
@@ -166,7 +166,7 @@ def save_bank(path: str | Path, bank: Bank) -> None:
 def bank_from_bytes(data: bytes, where: str = "bank") -> Bank:
     """Return the bank in the bytes of its file; `where` opens the error messages.
 
-    :raises InvalidInput: it is none, it is damaged, or its parts do not fit together.
+    :raises InvalidInput: not a bank, a damaged file, or parts that do not fit together.
     """
     tensors, facts = read_tensors(data, FORMAT, where, "make the bank again of its near misses (`vpsci people`)")
     names = facts.pop("people", None)

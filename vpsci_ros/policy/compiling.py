@@ -1,9 +1,10 @@
-"""Compilation of all kernels in parallel processes, once for each state of the sources.
+"""Compilation of the kernels of a default run in parallel processes, once for each state of the sources.
 
-numba compiles a kernel at its first call and keeps it on disk (`vpsci_ros.runs.kernel_cache`). Without this, every node
-and every worker of a new installation would compile the same kernels at the same time, each without a word. A node
-that compiles hears a request to stop only when it is done, later than a graph waits for on a busy machine. Whoever
-finds the kernels compiled imports nothing for it.
+numba compiles a kernel at its first call and keeps it on disk (`vpsci_ros.runs.kernel_cache`). Without this module,
+every node and every worker of a new installation would compile the same kernels at the same time, without a message. A
+node that compiles receives a request to stop only after the compilation, later than a graph waits for on a busy
+machine. Where the kernels are compiled, nothing is imported for this check. Kernels of other configurations, such as
+several pedestrians, are compiled at their first call.
 """
 
 import subprocess
@@ -60,9 +61,9 @@ PARTS: dict[str, Callable[[], None]] = {
 
 
 def compile_kernels() -> None:
-    """Compile the kernels of world, monitor and policies that the cache lacks, and print a message before.
+    """Print a message and compile `PARTS`, unless the cache has them or there is no cache folder to write to.
 
-    A part that fails is said with its reason; whoever needs its kernels compiles them, or fails in its own words.
+    A part that fails is printed with its reason; the process that needs its kernels compiles them, or reports an error.
     """
     folder = choose_cache_folder()
     if folder is None or not folder.is_absolute() or (folder / DONE).exists():

@@ -11,12 +11,15 @@ from vpsci_ros.parameters import constant, parameter
 SST = "sst"
 ACTOR_HIDDEN, CRITIC_HIDDEN = (64, 64), (64, 64)  # two hidden layers of an actor, and of a critic after both branches
 CRITIC_STATE, CRITIC_ACTION = 16, 16  # layers on a critic's encoded history, and on its joint action (all Table 8)
-LEARNED = "learned"  # the agent that acts by weights
+LEARNED = "learned"  # the agent that acts by network weights or a bank
 
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """The shape of the actors and critics (Table 8)."""
+    """The shape of the actors and critics (Table 8).
+
+    :raises InvalidInput: a `hidden` that is no multiple of `heads`.
+    """
 
     encoder: str = parameter(
         SST,

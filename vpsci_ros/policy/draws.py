@@ -1,6 +1,6 @@
-"""Keys of the policies' random numbers: pure functions of seed, episode, pedestrian and frame.
+"""Keys of the policies' random numbers: pure functions of seed, scenario, episode, pedestrian and frame.
 
-So an episode draws the same in any batch, process and order.
+So an episode draws the same numbers in any batch, process and order.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ def keys(
     pedestrian: ArrayLike = 0,
     frame: ArrayLike = 0,
 ) -> Keys:
-    """Return the random keys of `count` slots at a step, uint64[count, 5]; each value is one for all, or [count]."""
+    """Return the random keys of `count` slots at a step, uint64[count, 5]; arguments are scalars or [count]."""
     made = np.empty((count, 5), np.uint64)
     for column, value in enumerate((seed, scenario, episode, pedestrian, frame)):
         made[:, column] = value
@@ -27,7 +27,7 @@ def keys(
 
 
 def keys_of(state: NDArray[np.void], seed: ArrayLike) -> Keys:
-    """Return the `keys` of EPISODE[B] records, each at its own frame."""
+    """Return the `keys` of EPISODE[B] records, each at its own frame, uint64[B, 5]."""
     made = np.empty((len(state), 5), np.uint64)
     made[:, 0] = seed
     _keys(state, made)

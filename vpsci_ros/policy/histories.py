@@ -1,8 +1,8 @@
 """Bookkeeping of histories: one for each episode, from its first hand-over to its end (Algorithm 1).
 
-A history has a step at every policy frame, those in which the rule-based pair drives included. What an agent did before
-such a step is then the acceleration that its motion shows. Policies at work and the learner count by the same class, so
-both have the same history to the bit.
+A history has a step at every policy frame, also while the rule-based pair has control. An agent's action before such a
+step is the acceleration that its motion shows. Acting policies and the learner use the same class, so both have
+bit-identical histories.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ class Histories:
 
     :ivar step: int64[B], policy frames since the first hand-over of the slot's episode.
     :ivar driven: bool[B], where the rule-based pair drove at the last policy frame of the history.
-    :ivar done: float32[2, B, 2] [m/s2], what vehicle and pedestrian did since then, by their motion, as (longitudinal,
-        lateral) in the vehicle's heading frame of the last policy frame.
+    :ivar done: float32[2, B, 2] [m/s2], accelerations of vehicle and pedestrian since the last policy frame, by their
+        motion, as (longitudinal, lateral) in the vehicle's heading frame at that frame.
     """
 
     def __init__(self, slots: int) -> None:
@@ -56,7 +56,7 @@ class Histories:
 
 
 def motion_of(state: NDArray[np.void]) -> NDArray[np.float64]:
-    """Return heading [rad] and the velocities of vehicle and pedestrian, east and north [m/s], float64[B, 5]."""
+    """Return float64[B, 5]: vehicle's heading [rad], then east and north velocity [m/s] of vehicle and pedestrian."""
     out = np.empty((len(state), 5))
     _motion(state, out)
     return out

@@ -3,8 +3,8 @@
 A *motion* here is that of vehicle and pedestrian in a near miss, float64[T, 9]: a row for each step of 0.1 s, with the
 columns `MOTION` of the near-miss table.
 
-Recorded accelerations are those of the motion that passes nearest to the recorded positions, with little jerk:
-differences of published speeds neither lead along these positions, nor are they free of noise.
+Recorded accelerations are those of a motion with little jerk, fitted to the recorded positions: differences of
+published speeds are noisy, and do not lead along these positions.
 """
 
 from collections.abc import Sequence
@@ -50,10 +50,10 @@ Floats = NDArray[np.float64]
 def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), others: Sequence[str | Path] = ()) -> Bank:
     """Return the bank of near-miss tables of whole tracks, see `vpsci_ros.data.near_misses.read_near_misses`.
 
-    :param without: how clips, "source/clip", begin whose reactions are left out.
+    :param without: beginnings of the names, "source/clip", of clips whose reactions are left out.
     :param others: tables of other places. Their reactions serve each source where it has none like them (`FOREIGN`).
-    :raises InvalidInput: a table is refused, no clip is called so, nothing is left, no onset has 3 s recorded after
-        it, or a source is in both.
+    :raises InvalidInput: a table is refused, a clip is in two tables, no clip has a name of `without`, nothing is left,
+        no onset has 3 s recorded after it, or every source is also in `others`.
     """
     elsewhere = [read_near_misses(name) for name in others]
     table = concat_near_misses([*map(read_near_misses, names), *elsewhere])
@@ -95,7 +95,7 @@ def reactions_of(
     :param motions: float64[T, 9] each, of two steps or more.
     :param first: int64[N], the step of the onset.
     :param foreign: bool[N], the motion is of another place: each of its situations counts as `FOREIGN` further away.
-        Standard deviations and slopes are means of those of all onsets and of one's own alone, see `FEW`.
+        Standard deviations and slopes are means of those of all onsets and of the source's own onsets, see `FEW`.
     """
     known = np.array([len(motion) - 1 for motion in motions])  # steps whose actions are known
     onsets = np.flatnonzero(first <= known - LEAST)
@@ -163,7 +163,7 @@ def _relative(done: Floats, speed: Floats) -> Floats:
 
 
 def _fit_onsets(begun: Floats, relative: Floats, side: Floats) -> tuple[Floats, Floats]:
-    """Return standard deviations of the features of n onsets, float64[8], and slopes by features so divided.
+    """Return standard deviations of the features of n onsets, float64[8], and `_slopes` by features divided by these.
 
     :param begun: float64[n, 8]; the others as in `_slopes`.
     """
@@ -187,7 +187,7 @@ def _slopes(features: Floats, done: Floats, side: Floats) -> Floats:
 
 
 def fitted(motion: Floats) -> Floats:
-    """Return a motion, float64[T, 9], with little jerk, fitted to the recorded positions of this one.
+    """Return a motion with little jerk, float64[T, 9], fitted to the recorded positions of `motion`.
 
     The vehicle moves along its heading and does not roll backwards.
     """

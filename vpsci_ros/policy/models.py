@@ -1,6 +1,6 @@
 """The networks by name, for `learner.encoder` and `vpsci study models`.
 
-All see the same observations and actions before. They differ in the layers of the encoder, and in how they learn.
+All networks get the same observations and earlier actions. They differ in the layers of the encoder, and in training.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +18,7 @@ class Model:
 
     :ivar layer: class of the encoder's layers, the critics' too.
     :ivar learning: "supervised": the next velocity of recorded near misses; or the name of an objective.
+    :raises InvalidInput: `layer` is no class that derives from `EncoderLayer`.
     """
 
     layer: type[EncoderLayer]
@@ -34,7 +35,7 @@ MODELS = PluginGroup("vpsci_ros.networks", "network", Model, {SST: Model(SSTLaye
 def network_of(name: str, network: NetworkConfig) -> NetworkConfig:
     """Return `network` with the encoder of this name.
 
-    :raises InvalidInput: nothing has this name.
+    :raises InvalidInput: no network has this name.
     """
     return replace(network, encoder=SST if MODELS.find(name).layer is SSTLayer else name)
 
@@ -42,13 +43,16 @@ def network_of(name: str, network: NetworkConfig) -> NetworkConfig:
 def make_actor(config: NetworkConfig) -> Actor:
     """Return an untrained actor of `config.encoder`.
 
-    :raises InvalidInput: nothing has this name.
+    :raises InvalidInput: no network has this name.
     """
     return Actor(config, MODELS.find(config.encoder).layer)
 
 
 def tensor_shapes(config: NetworkConfig) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]]]:
-    """Return names and shapes of the tensors of an actor and of a critic's encoder, by `config.encoder`."""
+    """Return the shapes of the tensors of an actor, and of a critic's encoder, by name.
+
+    :raises InvalidInput: no network is called `config.encoder`.
+    """
     parts = make_actor(config), SSTEncoder(config, MODELS.find(config.encoder).layer)
     actor, encoder = ({name: tuple(value.shape) for name, value in part.state_dict().items()} for part in parts)
     return actor, encoder

@@ -1,7 +1,7 @@
 """The range of recorded onsets of a source: speeds, distances, walking speeds and angles.
 
-Reactions of other situations are extrapolated. An onset lies *beyond* the range where one of the four is below the
-first or above the last quantile of `LEVELS`. So do 5 to 20% of a source's own onsets.
+An onset lies *beyond* the range where one of the four is below the first or above the last quantile of `LEVELS`; there
+reactions are extrapolated. Of a source's own onsets, 5 to 20% lie beyond.
 """
 
 from collections.abc import Sequence
@@ -27,20 +27,27 @@ Floats = NDArray[np.float64]
 
 
 def onsets_of(situations: Floats) -> Floats:
-    """Return `QUANTITIES` of situations, float64[n, 7] -> float64[n, 4]; see `vpsci_ros.policy.bank.situations_of`."""
+    """Return speed, distance, walking speed and angle (`QUANTITIES`), float64[n, 4], of situations, float64[n, 7].
+
+    See `vpsci_ros.policy.bank.situations_of`.
+    """
     ahead = np.ones((len(situations), 1)) * (1.0, 0.0)
     return _quantities(situations[:, 0], situations[:, 3:5], ahead, situations[:, 5:7])
 
 
 def onsets_in(vehicle: NDArray[Any], velocity: NDArray[Any], place: NDArray[Any], walk: NDArray[Any]) -> Floats:
-    """Return `QUANTITIES` of positions and velocities in the map frame, float[n, 2] each [m, m/s] -> float64[n, 4]."""
+    """Return speed, distance, walking speed and angle (`QUANTITIES`), float64[n, 4], of motion in the map frame.
+
+    :param vehicle, velocity: of the vehicle, float[n, 2] each, position [m] and velocity [m/s].
+    :param place, walk: likewise of the pedestrian.
+    """
     velocity, walk = np.asarray(velocity, np.float64), np.asarray(walk, np.float64)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     return _quantities(speed, np.asarray(place, np.float64) - vehicle, velocity, walk)
 
 
 def _quantities(speed: Floats, apart: Floats, heading: Floats, walk: Floats) -> Floats:
-    """Return float64[n, 4]; the angle is NaN where an agent hardly moves."""
+    """Return `QUANTITIES`, float64[n, 4]; the angle is NaN where an agent hardly moves."""
     pace = np.hypot(walk[:, 0], walk[:, 1])
     across = heading[:, 0] * walk[:, 1] - heading[:, 1] * walk[:, 0]
     angle = np.degrees(np.arctan2(np.abs(across), (heading * walk).sum(axis=1)))
@@ -51,7 +58,7 @@ def _quantities(speed: Floats, apart: Floats, heading: Floats, walk: Floats) -> 
 def range_of(onsets: Floats) -> Floats:
     """Return the quantiles of onsets, float64[n, 4] -> float64[4, len(LEVELS)].
 
-    Where no onset has an angle, as of people who stand, the range is that of all angles, 0 to 180 degrees.
+    Where no onset has an angle, since all pedestrians stand, the range is that of all angles, 0 to 180 degrees.
     """
     out = np.empty((len(QUANTITIES), len(LEVELS)))
     for row, values in zip(out, onsets.T, strict=True):
@@ -61,9 +68,9 @@ def range_of(onsets: Floats) -> Floats:
 
 
 def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
-    """Return indices into `RANGES`, uint8[n], for onsets, float64[n, 4]; "beyond" if one quantity is out of range.
+    """Return indices in `RANGES`, uint8[n], of onsets, float64[n, 4]: "beyond" if beyond one of the `reaches`.
 
-    :param reaches: the range of each agent that acts by a bank; none: "".
+    :param reaches: the range of each agent that acts by a bank; without any, all are "".
     """
     if not reaches:
         return np.zeros(len(onsets), np.uint8)
@@ -72,7 +79,7 @@ def ranges(onsets: Floats, reaches: Sequence[Floats]) -> NDArray[np.uint8]:
 
 
 def range_of_episode(episode: Episode, reach: Floats | None) -> str:
-    """Return one of `RANGES` for an episode: "beyond" if a pedestrian was beyond the range `reach` at its onset."""
+    """Return one of `RANGES` for an episode: "beyond" if a pedestrian's onset was beyond `reach`; "" without onset."""
     critical = episode.known_curvttc < CRITICAL_TTC
     who = np.flatnonzero(critical.any(axis=1))
     if reach is None or not who.size:

@@ -24,7 +24,7 @@ class PeopleAtWork:
     def act(self, tick: Tick, assessment: Assessment, seed: ArrayLike) -> NDArray[np.float32]:
         """Return accelerations [m/s2], float32[B, 2], see `PolicyAgent.act`.
 
-        The vehicle keeps to its lane: the road turns another way than the one on which its reaction was recorded.
+        The vehicle keeps its lane (lateral acceleration 0): the reaction was recorded on another road.
         """
         active = assessment.acting
         situations_in(tick.state, active, self._situations)

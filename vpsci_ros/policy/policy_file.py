@@ -17,7 +17,7 @@ SHIPPED = ("people", "ma_sst_ddpg")
 def policy_from_bytes(data: bytes, where: str = "policy") -> Policy:
     """Return the policy in the bytes of its file; `where` opens the error messages.
 
-    :raises InvalidInput: neither a bank nor weights, or damage.
+    :raises InvalidInput: neither a bank nor weights, or a damaged file.
     """
     form = format_of(data, where)
     return bank_from_bytes(data, where) if form.startswith(bank.FAMILY) else weights_from_bytes(data, where)
@@ -48,7 +48,7 @@ def require_source(policy: Policy, people: str) -> None:
 def named_policies(given: list[str]) -> dict[str, Path]:
     """Return name -> file of policies given as NAME=FILE, or as a file or shipped name alone.
 
-    :raises InvalidInput: a name is there twice, or a file is not.
+    :raises InvalidInput: a name is given twice, or there is no such file.
     """
     out: dict[str, Path] = {}
     for text in given:

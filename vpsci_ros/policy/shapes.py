@@ -58,7 +58,7 @@ def weight_shapes(config: NetworkConfig) -> Shapes:
 
 
 def _built(config: NetworkConfig) -> tuple[Shapes, Shapes]:
-    """Return the tensors of an actor and of an encoder that are built for it, by torch."""
+    """Return the shapes of the tensors of an actor and of an encoder, which torch builds for this."""
     built: tuple[Shapes, Shapes] = importlib.import_module("vpsci_ros.policy.models").tensor_shapes(config)
     return built
 

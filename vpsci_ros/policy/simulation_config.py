@@ -19,7 +19,7 @@ class SimulationConfig:
     """The configuration of a simulation, without weights.
 
     :ivar episodes: (scenario number, episode number) pairs, in order.
-    :ivar batch: episodes side by side.
+    :ivar batch: number of parallel episodes.
     :ivar seed: of the world.
     :ivar policies: agent -> how it explores and draws, see `vpsci_ros.policy.agent.policies`.
     """
@@ -32,7 +32,7 @@ class SimulationConfig:
     policies: Mapping[str, PolicyConfig] = field(default_factory=dict)
 
     def make_world(self, episodes: Sequence[tuple[int, int]] | None = None) -> World:
-        """Return a world with the given episodes in its queue; without any given, with all episodes."""
+        """Return a world with `episodes` in its queue; None: all episodes of the simulation."""
         queue = self.episodes if episodes is None else episodes
         return World(self.world, self.scenarios, queue, min(self.batch, len(queue)), self.seed)
 
@@ -52,7 +52,7 @@ class SimulationConfig:
 def simulation_of(sections: Sections) -> SimulationConfig:
     """Return the simulation that the sections of the world and the policies describe.
 
-    :raises InvalidInput: a parameter or a scenario is refused.
+    :raises InvalidInput: a parameter or a scenario is refused, or another engine than this package's is chosen.
     """
     run = sections.get(RunConfig, "world_simulator")
     require_own(sections.get(SimulatorConfig, "world_simulator").engine, "episodes are simulated")

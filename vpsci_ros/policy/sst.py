@@ -166,7 +166,7 @@ class SSTEncoder(nn.Module):
 
 
 def entry(values: Tensor, step: Tensor) -> Tensor:
-    """Return of each row of values, [B, T, n], the entry at its `step`, int64[B], as [B, 1, n]."""
+    """Return the entry at `step`, int64[B], of each row of values [B, T, n], as [B, 1, n]."""
     return values[torch.arange(len(values)), step][:, None]
 
 
@@ -177,7 +177,7 @@ def recurrence(driven: Tensor, decay: Tensor) -> Tensor:
 
 
 class _Recurrence(torch.autograd.Function):
-    """See `recurrence`. A step after the other in place, which for whole histories is faster than any tree of sums."""
+    """`recurrence`, step by step and in place, which for whole histories is faster than any tree of sums."""
 
     @staticmethod
     def forward(ctx: Any, driven: Tensor, decay: Tensor) -> Tensor:

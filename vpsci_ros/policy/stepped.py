@@ -1,7 +1,8 @@
 """Inference of networks other than the SST: torch computes the whole history at each step.
 
-What `streaming.StreamingActor` is for the SST. Rows agree with the whole history to 1e-5; unlike there, their last
-bits may depend on how many rows are worked together, and a step costs as much as the history is long.
+`SteppedActor` has the methods of `streaming.StreamingActor`, which is for the SST. Rows agree with the whole history to
+1e-5. Unlike there, the last bits of a row may depend on the number of rows, and the cost of a step grows with the
+history.
 """
 
 from typing import Union

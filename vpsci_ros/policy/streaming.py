@@ -1,6 +1,6 @@
 """Streaming inference: one new step for many parallel histories at O(1) cost, with stored state, without torch.
 
-The same function as `vpsci_ros.policy.actor.Actor` over a whole history, to 1e-5. Numba was chosen by measurement:
+It gives the actions of `vpsci_ros.policy.actor.Actor` over a whole history, to 1e-5. Numba was chosen by measurement:
 torch has no matrix product whose rows keep their bits when the batch changes, short of padding every batch to one fixed
 shape, which costs more at every batch size and imports torch into each node.
 """
@@ -26,6 +26,7 @@ class StreamingActor:
 
     :param weights: `Weights.actor("vehicle")` or `Weights.actor("pedestrian")`.
     :param capacity: number of slots, B.
+    :raises InvalidInput: a capacity below 1.
     """
 
     def __init__(self, weights: Weights, capacity: int) -> None:
@@ -96,7 +97,7 @@ class StreamingActor:
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
         """Append the executed actions [m/s2], float32[B, 2], to the histories where `active`.
 
-        Without this call the returned actions enter it.
+        Without this call, histories contain the actions that `step` returned.
         """
         np.copyto(self._action, action, where=active[:, None])
 

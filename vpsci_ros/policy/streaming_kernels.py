@@ -99,7 +99,7 @@ def _normalise(x, rows, gain, offset):  # type: ignore[no-untyped-def]
 
 @kernel
 def _lane_sum(row, mean, squared, lanes):  # type: ignore[no-untyped-def]
-    """Return the sum of a row beyond its mean, or of the squares, in sixteen lanes that are added in the end."""
+    """Return the sum over a row of its differences from `mean`, or of their squares, by sixteen partial sums."""
     whole = row.size - row.size % LANES
     lanes[:] = np.float32(0.0)
     for start in range(0, whole, LANES):
@@ -139,9 +139,10 @@ def _compare(queries, i, keys, slot, layer, risks, gain, scale, filled, logits):
 
 @kernel
 def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no-untyped-def]
-    """Fill in what row `i` recalls of `filled` steps, context float32[R, hidden], by shares, unscaled.
+    """Write the mean of the values of `filled` steps, weighted by the shares of row `i`, to context[i].
 
-    :param shares: float32[R, heads, window]; values: float32[slot, L, window, hidden].
+    :param shares: float32[R, heads, window], of any sum, get the sum 1 for each head.
+    :param values: float32[slot, L, window, hidden]; context: float32[R, hidden].
     """
     heads = shares.shape[1]
     depth = context.shape[1] // heads
@@ -166,7 +167,7 @@ def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, 
         of observations, float32[6] each; action: float32[B, 2], the last one [m/s2].
     :param inputs: float32[n, I], normalised observation, action before and, where the network has it, risk.
     :param risks: float32[n].
-    :returns: the first of `rows` that observes what is no number, and then nothing has been done; -1: there is none.
+    :returns: the first of `rows` with an observation or CurvTTC that is not a number, and nothing is written; else -1.
     """
     mean, scale = scaling
     size, width = mean.size, mean.size + action.shape[1]

@@ -1,7 +1,7 @@
 """Tensors and metadata in one safetensors file, with deterministic bytes and a checksum.
 
-The metadata are text: `format`, `tensors_sha256` (against damage), `software` and whatever else is a fact, as JSON. No
-pickle is ever read.
+The metadata are text: `format`, `tensors_sha256` (against damage), `software` and further facts, as JSON. No pickle is
+ever read.
 """
 
 import hashlib
@@ -56,8 +56,8 @@ def _in_order(data: bytes) -> bytes:
 def read_bytes(path: str | Path, what: str) -> bytes:
     """Return the bytes of a file.
 
-    :param what: it is, and what to do where it is not there.
-    :raises InvalidInput: no such file, or no regular one.
+    :param what: what the file is, and what to do if it is missing, for the message.
+    :raises InvalidInput: no such file, no regular one, or one that cannot be read.
     """
     path = Path(path)
     require_regular(path)

@@ -1,10 +1,10 @@
 """Weights of all networks in one safetensors file, checked tensor by tensor against the configuration it carries.
 
-A file holds both actors and both critics in float32, the normalisation of observations, the speed statistics of rewards
-(14)-(15). Target networks are not stored: training on
-from a weights file starts them equal to the networks, as Algorithm 1 does. Its metadata are text: `format`,
-`tensors_sha256` (`Weights.digest`, against damage), `stage`, `configuration` (JSON of every resolved parameter),
-`software`, `data` and `held_out` (JSON). Nothing here needs torch, and no pickle is ever read.
+A file holds both actors and both critics in float32, the normalisation of observations and the speed statistics of
+rewards (14)-(15). Target networks are not stored: training from a weights file starts them equal to the networks, as
+Algorithm 1 does. The file's metadata are text: `format`, `tensors_sha256` (`Weights.digest`, against damage), `stage`,
+`configuration` (JSON of every resolved parameter), `software`, `data` and `held_out` (JSON). For networks with SST
+layers nothing here needs torch, and no pickle is ever read.
 """
 
 import dataclasses
@@ -38,8 +38,8 @@ class Weights:
 
     :ivar network: shape of the networks.
     :ivar tensors: float32 arrays, named as in `vpsci_ros.policy.shapes.weight_shapes`.
-    :ivar configuration: every resolved parameter of the run that made them, by configuration class.
-    :ivar facts: what else is worth knowing: `stage`, `data`, `held_out`, `software`; JSON values.
+    :ivar configuration: every resolved parameter of the run that made the weights, by configuration class.
+    :ivar facts: further facts, JSON values: `stage`, `data`, `held_out`, `software`.
     """
 
     network: NetworkConfig
@@ -116,7 +116,7 @@ def load_weights(path: str | Path) -> Weights:
 
 
 def resolved(*configs: Any) -> dict[str, dict[str, Any]]:
-    """Return the values of configuration objects as JSON values for `Weights.configuration`."""
+    """Return the values of configuration objects, as JSON values by class name, for `Weights.configuration`."""
     return {type(c).__name__: values_of(c) for c in configs}
 
 
