@@ -13,9 +13,9 @@ class HistoryAssembler:
     """Collects TRANSITION rows into one history an episode; a history with a missing row is dropped.
 
     :ivar consumed: number of the row that should come next.
-    :ivar lost: rows that never came, by the gaps in their numbers (so not those after the last one that came).
+    :ivar lost: rows that never came, by gaps in the numbers; rows lost after the last one received are not counted.
     :ivar refused: rows that are not `usable`.
-    :ivar dropped: rows that came but were thrown away, since others of their history were lost or refused.
+    :ivar dropped: received rows that were dropped, since others of their history were lost or refused.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 """Checkpoints: the state from which a run resumes with the same result, in one safetensors file.
 
 A checkpoint is a tree of dictionaries, lists, tensors, arrays, numbers and text. Arrays become tensors of the file,
-named by their path in the tree; all else is JSON in its metadata.
+named by their path in the tree; the rest is JSON in the file's metadata. Tuples are read back as lists.
 """
 
 import json
@@ -30,9 +30,9 @@ def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: str | Path) -> dict[str, Any]:
-    """Read a checkpoint.
+    """Return the tree of a checkpoint file.
 
-    :raises InvalidInput: not a checkpoint of this format.
+    :raises InvalidInput: a file that cannot be read, or not a checkpoint of this format.
     """
     try:
         with safe_open(str(path), framework="np") as file:

@@ -16,7 +16,10 @@ from vpsci_ros.world.observation import AGENTS
 
 @dataclass(frozen=True)
 class LearnerConfig:
-    """The learner: its stage, data, start and output folder."""
+    """The learner: its stage, data, start and output folder.
+
+    :raises InvalidInput: starting weights for stage 1.
+    """
 
     stage: str = parameter("pretrain", "pretrain: stage 1; refine: stage 2", choices=("pretrain", "refine"))
     near_misses: list[str] = parameter(
@@ -111,7 +114,10 @@ class PretrainConfig:
 
 @dataclass(frozen=True)
 class RewardsConfig:
-    """The rewards of stage 2 (25)-(28)."""
+    """The rewards of stage 2 (25)-(28).
+
+    :raises InvalidInput: `weights` that are not three numbers with the sum 1.
+    """
 
     collision: float = constant(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal: float = constant(100.0, "C_goal of (26)", low=0.0, high=1e6)

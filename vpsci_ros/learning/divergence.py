@@ -13,8 +13,8 @@ class DivergedError(VpsciError):
 def require_finite(values: Mapping[str, float], where: str) -> None:
     """Raise `DivergedError` unless all values are finite.
 
-    :param values: by name, as the message has them; where: such as "update 7".
-    :raises DivergedError: one is not finite; no weights are written.
+    :param values: numbers by name, both for the message; where: such as "update 7", the opening of the message.
+    :raises DivergedError: a value is not finite.
     """
     bad = ", ".join(f"{name} = {value}" for name, value in values.items() if not math.isfinite(value))
     if bad:

@@ -32,9 +32,9 @@ Tensors = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class Scored:
-    """Evaluated actions, float32[M, T, 2] [m/s2] per agent, their rewards, float32[M, T], and the next observations.
+    """Evaluated actions, float32[M, T, 2] [m/s2] by agent, their rewards, float32[M, T], and the next observations.
 
-    :ivar batch: the batch with the observations that these actions have led to.
+    :ivar batch: the batch with the observations to which these actions lead.
     """
 
     action: Tensors
@@ -48,7 +48,7 @@ class UpdateResult:
 
     :ivar critic_loss: by agent.
     :ivar actor_loss, gradient_norm: of the policy gradient, by agent; empty if the actors did not follow it.
-    :ivar error: |delta|, mean of both agents, float64[M, T], zero past the end.
+    :ivar error: |delta| in units of the reward, mean of both agents, float64[M, T], zero past the end.
     :ivar actions: what the actors would have done before this update, float32[M, T, 2] [m/s2] by agent.
     :ivar more: other losses and norms of the objective, by name.
     """
@@ -84,7 +84,7 @@ def _encoded(network: nn.Module, batch: Batch, more: int, *inputs: Tensor) -> Te
 
 
 class Maddpg:
-    """Critics, actors and targets with their optimisers.
+    """Actors, critics and target networks with their optimisers, and one update of them.
 
     The critic of an agent sees that agent's history and both actions; targets take both next actions from the target
     actors, as in 'Multi-agent actor-critic for mixed cooperative-competitive environments' by Lowe et al. 2017
@@ -92,7 +92,7 @@ class Maddpg:
 
     :param imitation: weight of the imitation of recorded steps [(m/s2)^-2], see `_improve_actors`; None: the actors
         follow the policy gradient at recorded steps, as at all others.
-    :ivar alone: the critics are single agents': whatever the other does, they see zero in its place.
+    :ivar alone: each critic is a single agent's: it gets zero in place of the other agent's action.
     """
 
     def __init__(self, networks: Networks, config: UpdatesConfig, imitation: float | None = None) -> None:
@@ -190,8 +190,8 @@ class Maddpg:
     ) -> tuple[dict[str, float], dict[str, float]]:
         """Follow the gradient of Q(H, mu(H), mu_other(H_other)), the critics held fixed, and imitate recorded steps.
 
-        With `imitation` the policy gradient is that of simulated steps alone, divided by the mean |Q|, since recorded
-        steps say what people did; at these the loss is `imitation` times the squared error of the action.
+        With `imitation` the policy gradient is that of simulated steps alone, divided by the mean |Q|. At recorded
+        steps, whose actions are those of people, the loss is `imitation` times the squared error of the action.
 
         Both agents' actions are what their actors do now, as in the framework that the paper's authors released; Lowe
         et al. take the other's from the buffer, though its actor may have left that long ago.

@@ -22,7 +22,7 @@ class Training(NamedTuple):
     """The networks, critics and data of a training, as an objective gets them.
 
     :ivar maddpg: networks, critics and their optimisers.
-    :ivar rewards: which actions of a batch are scored, and by what.
+    :ivar rewards: the rewards of the stage, which choose and score the actions of a batch.
     :ivar real: the near misses to learn from.
     """
 
@@ -53,8 +53,8 @@ class StageObjective(Protocol):
 class Objective:
     """An objective of the actors: its classes for stage 1 and stage 2.
 
-    :ivar pretrain: makes what updates the networks in stage 1.
-    :ivar refine: makes what updates the networks in stage 2.
+    :ivar pretrain: returns the `StageObjective` that updates the networks in stage 1.
+    :ivar refine: returns the `StageObjective` that updates the networks in stage 2.
     """
 
     pretrain: Callable[[Training, PretrainConfig], StageObjective]
@@ -88,6 +88,6 @@ _ALL = PluginGroup("vpsci_ros.objectives", "objective", Objective, {"ddpg": DDPG
 def find_objective(name: str) -> Objective:
     """Return the objective of this name.
 
-    :raises InvalidInput: there is none.
+    :raises InvalidInput: no objective has this name, or the package that adds it is broken.
     """
     return _ALL.find(name)

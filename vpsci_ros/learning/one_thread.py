@@ -12,7 +12,7 @@ import torch
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Context manager and decorator: torch computes in one thread inside, afterwards as before."""
+    """Context manager and decorator: torch computes in one thread inside, and afterwards in as many as before."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -36,14 +36,16 @@ def refine(
 ) -> Weights:
     """Simulate episodes, learn from them, and write `refined.safetensors`, `best.safetensors` and logs to `out_dir`.
 
-    Episodes run in portions of four batches; a checkpoint after each lets a stopped run go on to the same result. It
-    ends early where the convergence test of section 4.1 is passed. After every third portion and the last one the
-    mean actors act in a validation world without exploration (`validation_...` in the log): `best` holds those with the
-    highest share of both goals less twice that of collisions, `refined` the last ones.
+    Episodes run in portions of four batches; from a checkpoint after each portion a stopped run resumes to the same
+    result. The training ends early where the convergence test of section 4.1 is passed. After every third portion and
+    the last one the mean actors act in a validation world without exploration (`validation_...` in the log): `best` has
+    the mean actors with the highest share of episodes with both goals, less twice the share of collisions; `refined`
+    has the mean actors at the end.
 
     :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
-    :raises InvalidInput: see `Refiner` and `require_learnable`.
+    :raises InvalidInput: as `Refiner` and `require_learnable`, or a checkpoint of another run is in `out_dir`.
+    :raises DivergedError: a loss or a reward weight is not finite.
     """
     require_learnable(simulation.world)
     out_dir = Path(out_dir)

@@ -59,10 +59,11 @@ def pretrain(
     :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
         iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
         the last velocity repeated.
-    :param beginning: what surrounds reading the near misses, and then compiling, before the first iteration: up to a
-        minute of which nothing is worth keeping, so an exception may end it anywhere.
-    :raises InvalidInput: too few near misses or clips, or no clip is called as one of `held_out_clips`.
-    :raises DivergedError: a loss is not a number.
+    :param beginning: returns a context manager, entered for reading the near misses and again for compiling, before the
+        first iteration: up to a minute without a result, so an exception may end it anywhere.
+    :raises InvalidInput: too few near misses or clips, no clip begins with one of `held_out_clips`, no objective has
+        the configuration's name, or a checkpoint of another run is in `out_dir`.
+    :raises DivergedError: a loss is not finite.
     """
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
@@ -131,7 +132,7 @@ class _Run:
         self.log: list[dict[str, float]] = []
 
     def compile(self) -> None:
-        """Have everything compiled that the held-out errors need, rather than between two iterations."""
+        """Compile the kernels that the held-out errors need, so that no iteration waits for it."""
         if self.held_out is not None:
             self.held_out.errors(self.weights())
 
@@ -150,7 +151,7 @@ class _Run:
         return losses, self._episode_rewards(batch, result.actions)
 
     def weights(self, final: bool = False) -> Weights:
-        """Return what the run has learned; `final` adds the held-out errors to it."""
+        """Return the present weights; `final` adds the held-out errors to their facts."""
         facts: dict[str, Any] = dict(self._facts)
         configuration = resolved(self._config)
         if final and self.held_out is not None:
@@ -159,7 +160,7 @@ class _Run:
         return self._networks.weights(configuration, facts)
 
     def _identity(self) -> dict[str, Any]:
-        """Return what a checkpoint has to share with this run."""
+        """Return configuration, seed and data hash, in which a checkpoint has to equal this run."""
         configuration = resolved(self._config, self._networks.config)
         return {"configuration": configuration, "seed": self._seed, "data": self._facts["data"]["sha256"]}
 
@@ -175,9 +176,9 @@ class _Run:
         }
 
     def restore(self, state: dict[str, Any], where: str) -> None:
-        """Go on from a checkpoint.
+        """Resume from the state of a checkpoint.
 
-        :raises InvalidInput: another configuration, seed or data made it.
+        :raises InvalidInput: the checkpoint has another configuration, seed or data.
         """
         require_same(where, state, self._identity())
         self._networks.load_state_dict(state["networks"])

@@ -1,12 +1,12 @@
 """Stage 2: the pre-trained policies are trained further in simulation (section 3.2).
 
 The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
-(25)-(28), see `rewards`. What the actors follow is `objective`, see `objectives`.
+(25)-(28), see `rewards`. The actors are trained by `objective`, see `objectives`.
 
-After every `refresh_every` updates the policies act by what is learned. The weights that a training writes have the
-running mean of the actors that acted, which collides less than the last of them (docs/results.md; Polyak and Juditsky
-1992, Acceleration of Stochastic Approximation by Averaging). The mean does not act, so that it does not change the
-training.
+After every `refresh_every` updates the acting policies get the present actors. The weights that a training writes have
+the running mean of the actors that acted, which collides less than the last of these actors (docs/results.md; Polyak
+and Juditsky 1992, Acceleration of Stochastic Approximation by Averaging). The mean does not act, so that it does not
+change the training.
 """
 
 import math
@@ -49,9 +49,10 @@ WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
 def value_factor(stage_1: dict[str, Any], now: RefineConfig, speed_weight: float) -> float:
     """Return the factor on the values of stage 1 with which they predict the return of stage 2.
 
-    Stage 1 knows the speed reward alone, with weight 1; in stage 2 it enters R of (27) by w_3, `speed_weight`.
+    Stage 1 has the speed reward alone, with weight 1; in stage 2 the speed reward enters R of (27) by w_3,
+    `speed_weight`.
 
-    :param stage_1: the values of its `PretrainConfig`.
+    :param stage_1: the values of the `PretrainConfig` of stage 1.
     """
     before = stage_1.get("rewards.speed_scaling", SpeedRewardsConfig.speed_scaling)
     return speed_weight * now.rewards.speed_scaling / float(before)
@@ -61,16 +62,17 @@ def value_factor(stage_1: dict[str, Any], now: RefineConfig, speed_weight: float
 class Progress:
     """The progress of stage 2, stored in checkpoints with networks, optimisers and experience.
 
-    :ivar updates, episodes, received: updates made, episodes and transitions taken in so far.
-    :ivar owed: updates that are due for the episodes so far.
-    :ivar version: of the weights that act; `refreshes` of them so far; `refreshed`: since last asked.
-    :ivar norm: of the last policy gradient; it has been below the tolerance for `calm` episodes, the last of which had
-        seen `tested` updates.
-    :ivar drawn, drawn_real: steps in all batches, and those of real experience.
-    :ivar errors: held-out errors of the mean actors.
+    :ivar updates, episodes, received: numbers of updates made, episodes added and transitions received so far.
+    :ivar owed: number of updates that are due for the episodes so far.
+    :ivar version: of the weights that act; refreshes: how often these were replaced; refreshed: also since the last
+        `take_refresh`.
+    :ivar norm: of the last policy gradient, which has been below the tolerance for `calm` episodes; tested: the value
+        of `updates` when an episode was last counted for `calm`.
+    :ivar drawn, drawn_real: numbers of steps in all batches, and of the recorded ones among these.
+    :ivar errors: held-out errors [m] of the mean actors.
     :ivar last: losses and norms of the last update, by name.
-    :ivar returns: running mean of the reward (27) of an episode, by agent.
-    :ivar episode_returns: that of every episode so far, and its number: the raw material of Figure 6.
+    :ivar returns: running mean of an episode's summed reward (27), by agent.
+    :ivar episode_returns: number and summed rewards of every episode so far, the data of Figure 6.
     """
 
     updates: int = 0
@@ -95,8 +97,8 @@ class Refiner:
     """The learner of stage 2, fed with transitions by the `/replay` topic or in process.
 
     :param weights: of stage 1; its actors are the frozen reference of the speed reward.
-    :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the weights do not name any of
-        these clips, `held_out_fraction` of the table is.
+    :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the table has none of these,
+        `held_out_fraction` of it is held out, by whole clips.
     :param seed: of sampling; the noise of the acting policies is theirs.
     :param out_dir: where `save` writes; None for a learner that writes nothing.
     :raises InvalidInput: too few near misses or clips, or no objective has the configuration's name.
@@ -174,15 +176,15 @@ class Refiner:
     def finished(self) -> bool:
         """Whether the norm of the policy gradient has stayed below the tolerance long enough (section 4.1).
 
-        An episode counts if there was an update since the last one that did.
+        An episode counts if there was an update since the last episode that counted.
         """
         return self.progress.calm >= CALM_EPISODES
 
     @one_thread()
     def update(self) -> dict[str, float]:
-        """Draw a batch, update all networks, and return the losses by name; `summary` has them too.
+        """Draw a batch, update all networks, and return the losses by name, which `summary` has, too.
 
-        :raises DivergedError: a loss is not a number.
+        :raises DivergedError: a loss is not finite.
         """
         progress = self.progress
         progress.owed -= 1
@@ -236,7 +238,7 @@ class Refiner:
     def final(self) -> Weights:
         """Return `averaged`, refreshed if there were updates after the last refresh.
 
-        :raises VpsciError: what was learned is not finite.
+        :raises DivergedError: a reward weight is not finite.
         """
         if self.progress.updates % self._config.refresh_every:
             self._refresh()
@@ -263,7 +265,7 @@ class Refiner:
         """Write `final` to `out_dir` as `refined.safetensors` and return it.
 
         :raises InvalidInput: there is no `out_dir`, or a tensor is not finite.
-        :raises VpsciError: the reward weights are not finite.
+        :raises DivergedError: a reward weight is not finite.
         """
         if self._out_dir is None:
             raise InvalidInput("Refiner.save: expected an output folder, got none; give out_dir")
@@ -310,7 +312,7 @@ class Refiner:
         return [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
 
     def _identity(self) -> dict[str, Any]:
-        """Return what a checkpoint has to share with this learner."""
+        """Return configuration, starting weights, seed and data, in which a checkpoint has to equal this learner."""
         return {
             "configuration": resolved(self._config),
             "starting weights": self._start.digest(),
@@ -331,7 +333,7 @@ class Refiner:
         progress.last = last | result.more
 
     def _refresh(self) -> None:
-        """Have the policies act by the actors as they are, and take these into the mean, which is measured."""
+        """Give the acting policies the present actors, add these to the mean actors, and measure the mean's errors."""
         progress = self.progress
         progress.refreshes += 1
         progress.version += 1

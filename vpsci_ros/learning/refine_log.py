@@ -20,7 +20,7 @@ class RefineLog:
         self._rows: list[dict[str, float]] = []
 
     def note(self, last: bool = False) -> None:
-        """Write the logs if they are due or this is the `last` call; without an episode write nothing."""
+        """Write the logs if a row is due, or at the `last` call if there is news; write nothing before an episode."""
         summary = self._refiner.summary()
         known = self._rows[-1] if self._rows else {"episodes": 0.0, "updates": 0.0}
         more = self._refiner.progress.episodes - known["episodes"]

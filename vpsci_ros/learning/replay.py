@@ -27,8 +27,8 @@ Floats = NDArray[np.float32]
 class History:
     """A history of T steps of both agents: an episode from the first hand-over on, or a recording.
 
-    `observation` and `curvttc` include what followed the last action. `next_velocity` are the next speeds that rewards
-    (14)-(15) compare with: recorded ones in real experience, the frozen stage-1 actor's in simulated.
+    `observation` and `curvttc` include the step after the last action. `next_velocity` has the next speeds that rewards
+    (14)-(15) compare with: in real experience the recorded ones, in simulated experience the frozen stage-1 actor's.
     """
 
     observation: dict[str, Floats]  # [T + 1, 6]
@@ -37,7 +37,7 @@ class History:
     next_velocity: dict[str, Floats]  # [T, 2] [m/s]
     events: dict[str, Floats]  # [T, 2] collision and goal, unweighted rewards (25)-(26)
     acting: NDArray[np.bool_]  # [T] the policies acted, not the rule-based pair
-    terminal: bool  # the episode ended with the last step
+    terminal: bool  # no return follows the last step; false after a timeout
     real: bool  # recorded, not simulated
     priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [T] |delta|
 
@@ -78,7 +78,7 @@ class History:
 class Batch:
     """A batch of M histories as padded tensors; each field is that of `History` with a leading dimension M.
 
-    :ivar present: bool[M, T], steps that are learned from.
+    :ivar present: bool[M, T], steps that are trained on.
     :ivar length: int64[M], steps of each history.
     :ivar scene: of recorded steps, M scenes in which the last action is taken; None: histories are whole.
     """
@@ -130,9 +130,9 @@ def collate(histories: Sequence[History]) -> Batch:
 
 
 def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArray[np.int64]) -> Batch:
-    """Return the steps `at` of the interactions `row`, int64[M] each, with their histories of up to `WINDOW` steps.
+    """Return the steps `at` of the interactions `row`, int64[M] each, with histories of up to `WINDOW` steps.
 
-    What follows the last step is as recorded. The record's end ends the episode, so returns are sums over it.
+    The step after the last one is as recorded. The record's end ends the episode, so returns are sums over the record.
     """
     begin = np.maximum(at - WINDOW + 1, 0)
     length, rows, index = at - begin + 1, row[:, None], begin[:, None] + np.arange(WINDOW + 1)
@@ -167,7 +167,7 @@ def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generat
 
 
 def recorded_histories(interactions: Interactions) -> list[History]:
-    """Return recorded interactions as histories; the last recorded step follows the last action."""
+    """Return recorded interactions as histories, one each; the last recorded step follows the last action."""
     histories = []
     for i, length in enumerate(interactions.length):
         steps = int(length) - 1
@@ -229,9 +229,9 @@ class ReplayBuffer:
         self.steps = sum(history.steps for history in histories)
 
     def draw(self, steps: int, rng: np.random.Generator) -> list[History]:
-        """Draw distinct histories by (17) until they have `steps` steps; the number of tries is limited.
+        """Draw distinct histories by (17) until they have `steps` acting steps, in at most 4 times `steps` tries.
 
-        Fewer come out where few histories hold nearly all of the weight.
+        Fewer steps are returned where few histories have nearly all of the weight.
         """
         owner = np.repeat(np.arange(len(self.histories)), [h.steps for h in self.histories])
         delta = np.concatenate([h.priority[h.acting] for h in self.histories])

@@ -105,7 +105,7 @@ class RecordedRewards:
 
 
 def _followed(batch: Batch, done: Mapping[str, Tensor]) -> Batch:
-    """Return recorded steps with what follows where `done` is done, [M, T, 2] [m/s2], as (8)-(9) have it."""
+    """Return recorded steps, followed by the step to which the actions `done`, [M, T, 2] [m/s2], lead by (8)-(9)."""
     assert batch.scene is not None
     rows, last = torch.arange(len(batch.length)), batch.length - 1
     scene = advance(batch.scene, {agent: done[agent][rows, last].double() for agent in AGENTS})
@@ -123,12 +123,12 @@ class SimulatedRewards:
 
     In simulation nobody observes what a person would have done next, so the speed reward compares with what the
     *frozen stage-1 actor* does after the same history: it is zero where the policy still behaves as the real near
-    misses taught it. Speeds are compared as (8)-(9) give them, so neither the pedestrian's halved accelerations
-    (21)-(24) nor lane keeping count as a deviation.
+    misses taught it. Speeds are compared as (8)-(9) give them, so neither the pedestrian's gain in (21)-(24) nor lane
+    keeping counts as a deviation.
 
-    Real experience is scored as recorded: its actions have led to the recorded speeds, so that their reward is 0.
+    Real experience is scored as recorded: its actions have led to the recorded speeds, so that its speed reward is 0.
 
-    :param networks: as stage 1 left them: their actors, as they are now, are the reference of the speed reward.
+    :param networks: those of stage 1; a copy of their present actors is the reference of the speed reward.
     """
 
     def __init__(self, config: RewardsConfig, networks: Networks) -> None:

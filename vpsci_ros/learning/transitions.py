@@ -19,9 +19,9 @@ _NUMBERS = [name for name in TRANSITION.names or () if TRANSITION[name].base == 
 def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
     """Return which TRANSITION[n] records may be learned from, bool[n].
 
-    Their numbers are finite and not beyond `MOST`, their CurvTTC [s] is not negative, infinity where there is none, and
-    their flags are 0 or 1, and the policies act at the first step of a history. One that is not would make a loss, and
-    then every weight, not a number.
+    Usable records have finite numbers within `MOST`, a CurvTTC [s] that is not negative (infinity: no contact), flags
+    of 0 or 1, and policies that act at the first step of a history. Other records would make a loss, and then every
+    weight, not a number.
     """
     good = np.ones(len(rows), np.bool_)
     for name in _NUMBERS:
@@ -42,8 +42,8 @@ Completed = tuple[NDArray[np.void], list[NDArray[np.void]]]
 class TransitionBuilder:
     """Pairs the state of each policy frame with the state one policy period later, or with the episode's last state.
 
-    A history begins with the first hand-over of an episode and ends with the episode, see `policy.histories`. Where the
-    rule-based pair drives, also in place of a missing answer, transitions say what the motion shows, and are not
+    A history begins with the first hand-over of an episode and ends with the episode, see `policy.histories`. While the
+    rule-based pair acts, also in place of a missing answer, a transition has the accelerations of the motion and is not
     `acting`. Call `observe` at every tick, in order.
 
     :ivar count: transitions completed so far.
@@ -67,7 +67,7 @@ class TransitionBuilder:
         """Process one tick; return the transitions that it completes, and the histories that these end.
 
         :param step: whose actions are the policies'.
-        :param vehicle_version, pedestrian_version: of the weights by which they acted.
+        :param vehicle_version, pedestrian_version: versions of the weights by which the agents acted.
         """
         (_, state, policy_frame, _), assessment, actions = step.tick, step.assessment, step.actions
         if len(self._open) != len(state):
@@ -110,7 +110,7 @@ class TransitionBuilder:
         curvttc: NDArray[np.float64],
         seen: dict[str, NDArray[np.float32]],
     ) -> Completed:
-        """Complete the open transitions of `slots` by what is the case now.
+        """Complete the open transitions of `slots` with the present state; return them, and the histories that end.
 
         :param state, curvttc, seen: EPISODE[B], float64[B] [s] and agent -> float32[B, 6], as they are now.
         """
