@@ -42,13 +42,13 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor]
     `ade_interval` and `fde_interval` [m], and `ade_ratio` with `ade_ratio_interval`: the ADE as a share of
     `repeat_velocity`'s.
 
-    In closed loop the first two controls are the same: the last recorded velocity, kept. In reconstruction
-    `repeat_velocity` looks again at every step, and the others keep the velocity of the first critical step.
-    `constant_velocity_tracked` starts its closed loop as the policies do, from the vehicle's velocity by its last
-    observed positions (`scene.scene_at`): published speeds may lag behind, and this control shows how much of a
-    policy's gain is due to that.
+    In closed loop the first two controls are equal: both keep the last recorded velocity. In reconstruction
+    `repeat_velocity` takes the recorded velocity of every step, and the others keep that of the first critical step.
+    `constant_velocity_tracked` starts its closed loop as a bank does, from the vehicle's velocity by its last observed
+    positions (`scene.scene_at`): published speeds may lag behind, and this control shows how much of a bank's gain is
+    due to that. Networks start from the recorded velocity.
 
-    Each model has `fixed_3s`, too, where tracks go on for 3 s after their onset: see there.
+    Each model and the whole result have `fixed_3s`, too, where tracks have 3 s after their onset: see that function.
 
     :param models: name -> a policy, or any `Predictor`.
     :raises InvalidInput: no interaction of a second or more, or a model has a control's name.
@@ -70,11 +70,12 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor]
 
 
 def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int) -> dict[str, Any]:
-    """Return errors and energy score [m] over the 3 s after each onset, steps that are not critical included.
+    """Return models' errors and energy scores [m] over the 3 s after each onset, including steps not critical.
 
     {"interactions": N, "clips": C, "units": .., "models": {NAME: {"roll_outs": K, "ade": m, "fde": m,
     "energy_score": m, "energy_score_interval": [m, m], "of_constant_velocity": share of the tracked control's energy
-    score, "of_constant_velocity_interval": [.., ..]}}}; N is 0, without models, where no track goes on for 3 s.
+    score, "of_constant_velocity_interval": [.., ..]}}}; N is 0, without models, where no track has 3 s
+    after its onset.
     """
     try:
         onsets = find_onsets(near_misses)

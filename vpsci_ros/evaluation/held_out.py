@@ -13,7 +13,7 @@ class HeldOut:
     """Measures weights on held-out interactions; the control's errors are computed once.
 
     :param table: near-miss table of the held-out clips.
-    :raises InvalidInput: none of them lasts a second.
+    :raises InvalidInput: no interaction has a second from its first critical step to the last.
     """
 
     def __init__(self, table: pl.DataFrame) -> None:
@@ -21,7 +21,7 @@ class HeldOut:
         self.control = self._errors(RepeatVelocity())
 
     def errors(self, weights: Weights) -> dict[str, float]:
-        """Return ADE and FDE [m] of both protocols, means over interactions and agents."""
+        """Return ADE and FDE [m] of both protocols, means over interactions and agents, such as `closed_loop_ade`."""
         return self._errors(PolicyPredictor(weights))
 
     def _errors(self, model: Predictor) -> dict[str, float]:
@@ -38,7 +38,9 @@ def split_as_before(
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Return near misses to train on, and those of the clips that were held out when `weights` were trained.
 
-    If the table has none of these clips, `fraction` of it is held out, by whole clips.
+    If the table has none of these clips, `fraction` of the table is held out, by whole clips.
+
+    :raises InvalidInput: as `split_by_clip`, if that is used.
     """
     clips = weights.facts.get("data", {}).get("held_out_clips", [])
     held = pl.concat_str("source", "clip", separator="/").is_in(clips)

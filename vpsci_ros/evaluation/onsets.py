@@ -70,11 +70,12 @@ class Onsets:
 
 
 def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
-    """Return which onsets of `library` are donors of each onset, bool[n, L]: other clips, of its source if it has any.
+    """Return which onsets of `library` are donors of each onset, bool[n, L]: those of other clips of its source.
 
-    Where the library has no other clip, the donors are other groups.
+    Where the library has none of these, the donors are of other clips of any source; where it has no other clip, of
+    other groups, if possible of the same source.
 
-    :raises InvalidInput: an onset has none of both.
+    :raises InvalidInput: the library has neither another clip nor another group for an onset.
     """
     strange = onsets.clip[:, None] != library.clip[None, :]
     other = onsets.interactions.group[:, None] != library.interactions.group[None, :]
@@ -88,9 +89,9 @@ def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
 def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
     """Return those onsets of a near-miss table of whole tracks after which 3 s are recorded.
 
-    :param table: see `vpsci_ros.data.near_misses`; `reference.clean` leaves out standing cars and the like.
+    :param table: see `vpsci_ros.data.near_misses`; `vpsci_ros.data.reference.clean` leaves out standing cars and such.
     :param history: steps that must be recorded before the onset, 0 to 10.
-    :raises InvalidInput: there is none.
+    :raises InvalidInput: there is no such onset.
     """
     step, below = pl.int_range(pl.len()), pl.col("curvttc_causal") < CRITICAL_TTC
     onset = pl.when(below).then(step).min()

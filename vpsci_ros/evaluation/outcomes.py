@@ -22,7 +22,7 @@ from vpsci_ros.world.tick import Assessment, Tick
 class Outcomes:
     """Outcomes of the episodes in which the policies had control.
 
-    `rates` are the columns of Table 5 over episodes that were handed over; `least_curvttc` [s] lists theirs.
+    `outcomes` and `least_curvttc` [s] have an entry for each ended episode with a hand-over, in order.
     """
 
     handed_over: set[tuple[int, int]] = field(default_factory=set)
@@ -41,7 +41,10 @@ class Outcomes:
                 self.least_curvttc.append(float(event["least_curvttc"]))
 
     def rates(self, last: int | None = None) -> dict[str, float]:
-        """Return the rates of collision, goal, timeout in the `last` episodes (None: all), and the number of all."""
+        """Return the rates of collision and goal in the `last` episodes (None: all), and the number of all episodes.
+
+        `timeout_rate` is the share of all other outcomes, also of contacts with parked vehicles; 1 without an episode.
+        """
         outcomes = np.array(self.outcomes if last is None else self.outcomes[-last:])
         count = max(1, len(outcomes))
         collision, goal = float((outcomes == COLLISION).sum()) / count, float((outcomes == GOAL).sum()) / count
@@ -53,12 +56,12 @@ class NoAcceleration:
     """The control in simulation: agents with acceleration 0; the vehicle keeps its lane."""
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float64]:
-        """Return accelerations of 0, see `Agent.act`."""
+        """Return accelerations of 0, float64[B, 2], see `Agent.act`."""
         return np.zeros((len(tick.state), 2))
 
 
 def measure_outcomes(policy: Policy | None, simulation: SimulationConfig, keeping: Collection[str] = ()) -> Outcomes:
-    """Simulate episodes under a policy, and return how the critical ones ended.
+    """Simulate episodes under a policy, and return the outcomes of those with a hand-over.
 
     :param policy: of both agents; None: `NoAcceleration`.
     :param keeping: agents that keep their velocity instead.
@@ -76,8 +79,9 @@ def measure_outcomes(policy: Policy | None, simulation: SimulationConfig, keepin
 def rates_with_intervals(outcomes: Outcomes) -> dict[str, float]:
     """Return Table 5's rates of all critical episodes with their 95% intervals, and quartiles of the least CurvTTC [s].
 
-    Names: critical_episodes; collision_rate, collision_low, collision_high; the same of goal; timeout_rate;
-    least_curvttc_25, _50, _75. Rates are NaN where no episode was critical.
+    Names: critical_episodes; collision_rate, collision_low, collision_high; likewise for goal; timeout_rate, the share
+    of all other outcomes; least_curvttc_25, _50, _75. Where no episode was critical, rates and quartiles are NaN and
+    intervals 0 to 1.
     """
     ended = np.array(outcomes.outcomes)
     row: dict[str, float] = {"critical_episodes": len(ended)}

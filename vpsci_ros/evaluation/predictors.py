@@ -14,8 +14,8 @@ from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS
 
-TRACKED_STEPS = 2  # by which a vehicle's velocity is known where published speeds lag behind its positions
-_TREND = 4  # steps by which acceleration and yaw rate are known, as in the bank
+TRACKED_STEPS = 2  # whose positions give a vehicle's velocity, where published speeds lag behind the positions
+_TREND = 4  # steps from which acceleration and yaw rate are estimated, as in the bank
 Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -50,9 +50,9 @@ class Predictor(Protocol):
 
 
 class RepeatVelocity:
-    """The control: it repeats the last observed velocity (acceleration 0).
+    """The control: both agents keep the last observed velocity (acceleration 0).
 
-    :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's by its last observed positions.
+    :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's velocity by its last observed positions.
     """
 
     def __init__(self, tracked_steps: int = 0) -> None:
@@ -79,7 +79,7 @@ class RepeatVelocity:
 class PolicyPredictor:
     """Both actors of a weights file, run by the nodes' code."""
 
-    tracked_steps = 0  # speeds as recorded, as they have learned
+    tracked_steps = 0  # recorded speeds, as in training
 
     def __init__(self, weights: Weights) -> None:
         self._weights = weights
@@ -114,8 +114,8 @@ def sources_for(bank: Bank, clip: NDArray[np.object_], people: str = "") -> NDAr
     """Return the bank's source for each interaction, str[N]: the interaction's if the bank has it, else the first.
 
     :param clip: object[N], "source/clip".
-    :param people: one source for all; empty: each its own.
-    :raises InvalidInput: the bank does not know that source.
+    :param people: one source for all interactions; empty: each its own.
+    :raises InvalidInput: the bank does not have the source `people`.
     """
     names = np.array([source_of(name) for name in clip])
     if people:
@@ -129,8 +129,8 @@ class PeoplePredictor:
 
     :param clip: object[N], "source/clip" of each interaction, see `sources_for`.
     :param seed: of the draws; row i draws as episode i of scenario 0.
-    :param people: the source whose reactions act in all of them; empty: see `sources_for`.
-    :raises InvalidInput: the bank does not know that source.
+    :param people: the source whose reactions are replayed in all interactions; empty: see `sources_for`.
+    :raises InvalidInput: the bank does not have the source `people`.
     """
 
     tracked_steps = TRACKED_STEPS

@@ -1,13 +1,13 @@
 """The two error protocols, reconstruction and closed loop, batched over interactions.
 
-Both begin at the first critical step (CurvTTC < 5 s) after up to ten observed steps, and take interactions that stay
-within 5 s for at least one second, from the first critical step to the last.
+Both begin at the first critical step (CurvTTC < 5 s) after up to ten observed steps, and use interactions with a second
+or more from the first critical step to the last.
 
 - Reconstruction, the paper's: every next velocity is predicted from the *observed* history, up to the last critical
   step. The trajectory is integrated from predicted speeds and compared with the one integrated from recorded speeds.
 - Closed loop: both agents run on their own predictions up to the last critical step, at most 3 s, and their positions
-  are compared with the recorded ones. Where the model says so (`tracked_steps`), the vehicle sets out with the velocity
-  of its last observed positions instead of the published one, see `scene.scene_at`.
+  are compared with the recorded ones. If a model's `tracked_steps` is above 0, the vehicle starts with the velocity by
+  its last observed positions instead of the published velocity, see `scene.scene_at`.
 
 ADE (30) and FDE (31) are means over both agents. RMSE (29) pools all steps, in the vehicle's heading frame: of the
 recorded step in reconstruction, of the predicted step in closed loop.
@@ -58,7 +58,7 @@ Measured = dict[str, ProtocolErrors]
 def eligible(interactions: Interactions) -> Interactions:
     """Return the interactions that the protocols use: at least 1 s from the first critical step to the last.
 
-    :raises InvalidInput: there is none.
+    :raises InvalidInput: there is no such interaction.
     """
     rows = np.flatnonzero(interactions.last - interactions.first >= SHORTEST)
     if rows.size == 0:
@@ -70,9 +70,11 @@ def eligible(interactions: Interactions) -> Interactions:
 
 
 def reconstruct(model: Predictor, interactions: Interactions) -> ProtocolErrors:
-    """Return a model's reconstruction errors: each step is predicted from the recorded history; see also `eligible`.
+    """Return a model's reconstruction errors: each step is predicted from the recorded history.
 
-    This is our reading of the paper's protocol; its text fits closed loop as well.
+    This is our reading of the paper's protocol; the paper's text fits closed loop as well.
+
+    :param interactions: as `eligible` returns them.
     """
     n = len(interactions)
     model.begin(n)

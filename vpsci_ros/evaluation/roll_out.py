@@ -1,7 +1,7 @@
 """The roll-out: policies observe and act, and known kinematics move the agents, in training and in evaluation.
 
-Its three parts are independent: where it starts, who acts (anything that answers `Seen`), and how many of the scenes
-still move at each step.
+Three inputs are independent: the start, the agents (any function of `Seen`), and the number of scenes that still move
+at each step.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +31,7 @@ def roll_out(start: Scene, act: Callable[[Seen], Actions], moving: Sequence[int]
 
     :param start: B scenes.
     :param act: returns both agents' accelerations.
-    :param moving: for each step, how many of the scenes take it: the first so many, fewer and fewer.
+    :param moving: for each step, the number of scenes that take it: the first ones, never more than the step before.
     """
     scene = start
     for step, count in enumerate(moving):

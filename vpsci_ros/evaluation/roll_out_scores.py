@@ -1,7 +1,7 @@
 """Scores of roll-outs against recordings: energy score, ADE, minADE, each an array over interactions.
 
-The energy score is proper: its expectation is least for the distribution that the recordings come from, so neither
-a mean trajectory nor spread for its own sake wins. See 'Strictly proper scoring rules, prediction, and estimation'
+The energy score is proper: its expectation is least for the distribution that the recordings come from, and neither for
+a mean trajectory nor for additional spread. See 'Strictly proper scoring rules, prediction, and estimation'
 by Gneiting and Raftery, JASA 102, 2007. Here the distance of two joint trajectories is the mean over both agents
 and all steps of the distance between positions, so that for one roll-out the score is the ADE.
 """
@@ -42,9 +42,9 @@ def energy_score(positions: Floats, recorded: Floats) -> Floats:
 
 
 def min_ade(positions: Floats, recorded: Floats, best_of: int = BEST_OF) -> Floats:
-    """Return the expected least error of `best_of` roll-outs chosen from the K (if fewer, of all K), float64[n] [m].
+    """Return the least error of `best_of` of the K roll-outs (of all K if these are fewer), expected, float64[n] [m].
 
-    The expectation is over all choices of `best_of` roll-outs, so it does not depend on their order.
+    The expectation is over all choices of `best_of` roll-outs, so it does not depend on the order of roll-outs.
     """
     each = np.sort(errors(positions, recorded), axis=1)
     count = each.shape[1]

@@ -1,8 +1,8 @@
 """Kinematics of one vehicle and one pedestrian in torch, for training and evaluation.
 
-(8)-(9) give each agent's next velocity in the vehicle's heading frame of step t; positions follow with the mean of
-both velocities. Then the frame moves on: the vehicle's heading turns with its velocity, no more sharply than the
-simulated Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and it does not roll backwards.
+(8)-(9) give each agent's next velocity in the vehicle's heading frame of step t; positions follow with the mean of the
+velocities before and after. Then the vehicle's heading turns with its velocity, no more sharply than the simulated
+Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and the vehicle does not roll backwards.
 """
 
 import math
@@ -48,8 +48,8 @@ def scene_at(motion: Tensor, at: Tensor, tracked_steps: int = 0) -> Scene:
 
     The curvature of the vehicle's path comes from its turn since the step before.
 
-    :param tracked_steps: the vehicle's velocity is what its positions say over so many steps before, or as many as
-        there are; 0: as recorded. Published vehicle speeds may be smoothed so much that they lag behind the positions,
+    :param tracked_steps: number of steps before `at`, fewer where there are fewer, whose positions give the vehicle's
+        velocity; 0: as recorded. Published vehicle speeds may be smoothed so much that they lag behind the positions,
         and a vehicle whose velocity is published along its heading drifts sideways in a bend.
     """
     rows = torch.arange(len(motion))
@@ -69,10 +69,11 @@ def scene_at(motion: Tensor, at: Tensor, tracked_steps: int = 0) -> Scene:
 
 
 def _tracked_velocity(motion: Tensor, at: Tensor, steps: int) -> Tensor:
-    """Return the vehicle's velocity [B, 2] by its positions.
+    """Return the vehicle's velocity by its positions, [B, 2] [m/s], map frame.
 
-    To the recorded velocity comes the mean over `steps` steps of how much further it came than by the mean of the
-    recorded velocities of both ends. It neither rolls backwards nor drifts further aside than it can steer in a step.
+    A correction is added to the recorded velocity: over each of `steps` steps, the velocity by the two positions less
+    the mean of the two recorded velocities, averaged. The vehicle neither rolls backwards nor drifts further aside than
+    it can steer in a step.
     """
     rows = torch.arange(len(motion))
     now = motion[rows, at]
@@ -116,7 +117,7 @@ def advance(scene: Scene, actions: dict[str, Tensor]) -> Scene:
 
 
 def time_to_collision(scene: Scene) -> Tensor:
-    """Return CurvTTC [s], float64[B], of the scene as it is; no gradient flows through it."""
+    """Return CurvTTC [s], float64[B], for the vehicle size of the Model 3; no gradient flows through it."""
     arrays: list[NDArray[np.float64]] = [part.detach().double().numpy() for part in scene]
     vehicle, heading, velocity, curvature, pedestrian, walking = arrays
     speed = np.hypot(velocity[:, 0], velocity[:, 1])

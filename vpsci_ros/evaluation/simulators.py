@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 Simulator = Callable[[Onsets], Floats]
 """Onsets -> positions float64[n, K, 2, 30, 2] [m]."""
 
-ROLL_OUTS = 32  # of stochastic policies; one where there is no chance in them
+ROLL_OUTS = 32  # of stochastic policies; deterministic ones have one
 _TURNED, _CAME = 5, 0.25  # steps over which a turn is measured, and the least way [m] for it
 _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brakes, as in the world
 
@@ -50,7 +50,7 @@ def tracked(onsets: Onsets) -> Floats:
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
     """Return a policy as a simulator: `roll_outs` roll-outs an onset by a bank, one by (deterministic) networks.
 
-    :param people: of a bank, whose reactions act, see `PeoplePredictor`.
+    :param people: source in a bank whose reactions are replayed, see `PeoplePredictor`.
     """
 
     def simulate(onsets: Onsets) -> Floats:
@@ -64,7 +64,7 @@ def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "")
 
 
 def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
-    """Return the bank's source for each onset, str[n], and whether the onset is beyond its range, bool[n]."""
+    """Return the bank's source for each onset, str[n], and whether the onset is beyond that source's range, bool[n]."""
     sources, start = sources_for(bank, onsets.clip, people), onsets.start
     where, out = onsets_in(start[:, :2], start[:, 3:5], start[:, 5:7], start[:, 7:9]), np.zeros(len(onsets), np.bool_)
     for name in np.unique(sources):

@@ -1,8 +1,9 @@
 """Confidence intervals and paired comparisons for the whole package.
 
-Shares get Wilson's interval, which holds near 0 and 1, where a good driving system should be. Differences of shares of
-the same units get Agresti and Min's, tested by McNemar's exact test. Everything else is bootstrapped: single units, or
-whole clusters of them where units of one cluster are alike. scipy's bootstrap refuses single units and has no clusters.
+Shares get Wilson's interval, which is valid near 0 and 1, where a good driving system should be. Differences of shares
+of the same units get Agresti and Min's interval, and McNemar's exact test. Everything else is bootstrapped, by single
+units, or by whole clusters where units of one cluster are alike. scipy's bootstrap refuses data of one unit and has no
+clusters.
 """
 
 import math
@@ -86,12 +87,12 @@ def wilson_interval(hits: int, n: int, level: float = LEVEL) -> tuple[float, flo
 
 
 def share_difference(only_first: int, only_second: int, n: int, level: float = LEVEL) -> Estimate:
-    """Return the difference of two shares of the same n units, (only_first - only_second) / n.
+    """Return the difference of two shares of the same n units, (only_first - only_second) / n, with its interval.
 
     Wald's interval for matched pairs after adding 0.5 to each of the four cells; see Agresti and Min, "Simple improved
     confidence intervals for comparing matched proportions" (Statistics in Medicine 24, 2005).
 
-    :param only_first, only_second: units in which only the first, only the second of the two has happened.
+    :param only_first, only_second: numbers of units with the first event only, and with the second event only.
     """
     if n == 0:
         return NOTHING
@@ -103,6 +104,8 @@ def share_difference(only_first: int, only_second: int, n: int, level: float = L
 
 def mcnemar(only_first: int, only_second: int) -> float:
     """Return the exact two-sided p-value of McNemar's test that two events are equally frequent in the same units.
+
+    Arguments are those of `share_difference`; 1 where both are 0.
 
     See McNemar, "Note on the sampling error of the difference between correlated proportions" (Psychometrika 12, 1947).
     """
