@@ -28,8 +28,8 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
     """Vehicle and pedestrian, both under the user's control from the first frame, 0.1 s a step.
 
     Observations are (6) and (7), float32[6]; actions accelerations (longitudinal, lateral) [m/s2], both in the
-    vehicle's heading frame, which become motion by (18)-(20) and (21)-(24). Reward: (25), -200 to both at a collision,
-    and (26), 100 to an agent at its own arrival. The episode ends for both together.
+    vehicle's heading frame, which become motion by (18)-(20) and (21)-(24). Reward: (25), -200 to both when the vehicle
+    hits the pedestrian, and (26), 100 to an agent at its own goal. The episode ends for both together.
 
     :param scenarios: numbers, names or files; episodes take them in turn.
     :param lane_following: the world keeps the vehicle's lane, since observation (6) does not contain the road.
@@ -76,7 +76,10 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Start an episode as `RightTurnEnv.reset` does, but ignore options other than scenario and episode."""
+        """Start an episode as `RightTurnEnv.reset` does, but ignore options other than scenario and episode.
+
+        :raises InvalidInput: a seed out of range, or only one of scenario and episode.
+        """
         if seed is not None:
             self._simulation.seed(0, seed)
         known: dict[str, Any] = {key: value for key, value in (options or {}).items() if key in ("scenario", "episode")}

@@ -52,14 +52,14 @@ class View:
 
 
 class Views:
-    """The views of several scenarios, each drawn when first needed."""
+    """Draws EPISODE records of several scenarios; a scenario's ground is drawn when first needed."""
 
     def __init__(self, scenarios: tuple[Scenario, ...]) -> None:
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._drawn: dict[int, View] = {}
 
     def image(self, record: np.void) -> NDArray[np.uint8]:
-        """Return the scene of one EPISODE record, of any of the scenarios, from above, uint8[480, 480, 3]."""
+        """Return the scene of one EPISODE record from above, in its own scenario, uint8[480, 480, 3]."""
         number = int(record["scenario"])
         if number not in self._drawn:
             self._drawn[number] = View(self._scenarios[number])

@@ -30,8 +30,9 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     next one; `options={"scenario": 3, "episode": 17}` starts that episode.
 
     :param scenarios: numbers, names or files; episodes take them in turn.
-    :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force".
-    :param weights: of the default pedestrian: a file, a name shipped with the package, or `Weights`.
+    :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force"; or an
+        agent that another Python package adds.
+    :param weights: of the default pedestrian: a file, a name shipped with the package, or a `Bank` or `Weights`.
     :param render_mode: "rgb_array" or None.
     :param config: of the world; of several `pedestrians` the one with the least CurvTTC is observed.
     :raises InvalidInput: an unknown scenario, pedestrian, weights file or render mode.
@@ -60,7 +61,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode; the class's docstring describes `seed` and `options`.
 
-        :raises InvalidInput: an option other than scenario and episode.
+        :raises InvalidInput: an option other than scenario and episode, only one of the two, or a seed out of range.
         """
         super().reset(seed=seed)
         if seed is not None:
@@ -70,7 +71,10 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return task.observe(self._last.state, self._last.curvttc, self._tables)[0], self._info(self._last)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Advance by 0.1 s; return observation, reward, terminated, truncated and info."""
+        """Advance by 0.1 s with an action float[2]; return observation, reward, terminated, truncated and info.
+
+        :raises ResetNeeded: Gymnasium's error, before the first `reset`.
+        """
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
@@ -100,7 +104,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 def check_render_mode(render_mode: str | None) -> None:
     """Refuse a render mode other than "rgb_array" and None.
 
-    :raises InvalidInput: another one.
+    :raises InvalidInput: another render mode.
     """
     if render_mode not in (None, "rgb_array"):
         raise InvalidInput(f"render_mode = {render_mode!r}: expected 'rgb_array' or None")

@@ -27,7 +27,7 @@ PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay
 class Snapshot:
     """State of each slot's episode after a step, or at the frame at which it ended within the step.
 
-    Of several pedestrians it has the one with the least CurvTTC, the first of equal ones.
+    Of several pedestrians, a slot shows the one with the least CurvTTC, the first of equal ones.
 
     :ivar state: EPISODE[B]; `status` ENDED where the world ended the episode within the step.
     :ivar curvttc: float64[B] [s], infinity without a contact.
@@ -45,9 +45,9 @@ class Simulation:
     :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
         "social_force"; "external" to give its actions to `step`; or an agent that another Python package adds.
-    :param weights: of the default pedestrian: a file, a name shipped with the package, or `Weights`.
+    :param weights: of the default pedestrian: a file, a name shipped with the package, or a `Bank` or `Weights`.
     :param always_critical: policies act from the first frame, critical or not.
-    :raises InvalidInput: an unknown driver, scenario or weights file.
+    :raises InvalidInput: an unknown driver, scenario or weights file, or no scenario.
     """
 
     def __init__(
@@ -94,7 +94,10 @@ class Simulation:
         self._begun[slot] = 0
 
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
-        """Start the next episode of each of these slots, or in all of them `episode`, (scenario, episode number)."""
+        """Start the next episode of each of these slots, or in all of them `episode`, (scenario, episode number).
+
+        :raises InvalidInput: a scenario that the simulation does not have, or an episode number out of range.
+        """
         episodes = [episode or self._following(slot) for slot in slots]
         self.world.place(slots, episodes, [self._seeds[slot] for slot in slots])
 
@@ -108,7 +111,7 @@ class Simulation:
         return self._shown(self.world.state.copy(), self._loop.assessment.curvttc)
 
     def step(self, given: Actions = NO_ACTIONS) -> Snapshot:
-        """Advance by the policy period with these actions; return the new state of all slots."""
+        """Advance by the policy period with actions of a row a slot; return the new state of all slots."""
         world, several = self.world, self.config.pedestrians
         if several > 1:
             arrays = {name: value for name, value in vars(given).items() if value is not None}

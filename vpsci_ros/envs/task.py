@@ -13,8 +13,8 @@ Observation, float32[21], in SI units and the vehicle's heading frame (forward, 
 
 Action, float32[2] in -1..1: steer (positive to the left), and throttle where positive, brake where negative.
 
-Reward of a step: 0.1 a metre of progress along the lane, less 0.02 a square metre of lateral error and step; 10 at
-the goal; -10 at a collision or on leaving the lane by 3.5 m.
+Reward of a step: 0.1 for each metre of progress along the lane, less 0.02 for each square metre of the squared lateral
+distance; 10 at the goal; -10 at a collision, or more than 3.5 m beside the lane's centre.
 """
 
 import math

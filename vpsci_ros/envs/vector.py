@@ -27,7 +27,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     """`num_envs` independent right turns; environment i is bit-identical to `RightTurnEnv` with seed + i.
 
     An environment whose episode ends starts the next one in the same step (autoreset mode "same step"): the returned
-    observation is the new episode's first; the last of the old one is in `infos["final_obs"]`.
+    observation is the new episode's first; the old episode's last one is in `infos["final_obs"]`.
 
     :param num_envs: number of environments; other parameters as for `RightTurnEnv`.
     """
@@ -62,7 +62,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     ) -> tuple[NDArray[np.float32], Infos]:
         """Start an episode in each environment: episode 0 of seed + i in environment i, or the next one without a seed.
 
-        :raises InvalidInput: options, or a list of seeds of another length.
+        :raises InvalidInput: any options, a list of seeds of another length, or a seed out of range.
         """
         if options:
             raise InvalidInput(f"options: this environment has none, got {options}")
@@ -81,7 +81,12 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
-        """Advance all by 0.1 s with actions float32[num_envs, 2]; return arrays over environments and infos."""
+        """Advance all by 0.1 s with actions float32[num_envs, 2]; return observations, rewards and so on as arrays.
+
+        Their order is that of `RightTurnEnv.step`, the first axis is the environment.
+
+        :raises ResetNeeded: Gymnasium's error, before the first `reset`.
+        """
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
