@@ -33,8 +33,8 @@ class Person(NamedTuple):
     :ivar kind: of `vpsci_ros.world.kinds.KINDS`; a driver's is that of its first pedestrian.
     :ivar speed: [m/s] with nothing near.
     :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
-    :ivar recorded: number of the recorded situation whose reaction acts, drawn at the hand-over; -1: none.
-    :ivar beyond: whether the last hand-over lay beyond the range of the recorded onsets; None: none yet, or no bank.
+    :ivar recorded: number of the recorded situation whose reaction is replayed, drawn at the hand-over; -1: none.
+    :ivar beyond: whether the last hand-over lay beyond the range of the source; None: no hand-over yet, or no bank.
     """
 
     kind: str
@@ -50,7 +50,7 @@ class Body:
     :param agent: "vehicle" or "pedestrian": the agent that the policy moves.
     :param number: of the pedestrian within its episode; its row.
     :ivar parked: parked vehicles of the scenario, float64[K, 5].
-    :raises InvalidInput: the episode has no such pedestrian, or as `World`, `Weights` and the configurations.
+    :raises InvalidInput: the episode has no such pedestrian, or as `World`, `load_policy` and the configurations.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Body:
             self.state[name] = value
 
     def put_vehicle(self, vehicle: Vehicle) -> None:
-        """Write a vehicle into all rows; its curvature and acceleration are not None."""
+        """Write a vehicle into all rows; its curvature and acceleration must not be None."""
         for name in ("x", "y", "heading", "speed", "curvature", "acceleration"):
             self.state[f"vehicle_{name}"] = getattr(vehicle, name)
 
@@ -116,7 +116,10 @@ class Body:
         self.state["pedestrians"] = len(walkers)
 
     def locate(self, what: str, x: float, y: float) -> None:
-        """Project the place (x, y) of "vehicle" or "pedestrian" onto its path, unless the world has it there now."""
+        """Set the arc length of "vehicle" or "pedestrian" on its path from its place (x, y) [m], unless unchanged.
+
+        An agent that moved by `NEAR` or more no longer follows the recorded motion before its onset.
+        """
         record = self.record
         if (record[f"{what}_x"], record[f"{what}_y"]) == (x, y):
             return
@@ -134,7 +137,7 @@ class Body:
         self.state[name][self.rows(what)] = place
 
     def rows(self, what: str) -> slice:
-        """Return the rows of `state` that "vehicle" (all rows) or "pedestrian" (its own row) is in."""
+        """Return the rows of `state` with the agent: all rows for "vehicle", its own row for "pedestrian"."""
         return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
 
     def tick(self, ttc: NDArray[np.float64], distance: NDArray[np.float64], parked: NDArray[np.float64]) -> None:

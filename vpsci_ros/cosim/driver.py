@@ -35,7 +35,7 @@ class Drive(NamedTuple):
     :ivar x, y, heading: [m, rad] at the next step, for engines that place bodies.
     :ivar speed: [m/s] at the next step.
     :ivar acceleration: [m/s2] mean over the step.
-    :ivar curvature: [1/m] of its path, positive to the left.
+    :ivar curvature: [1/m] of its path in the last tick, positive to the left.
     :ivar steer, throttle, brake: of the last tick, -1 (right) to 1 (left), 0 to 1, 0 to 1, of a Tesla Model 3.
     :ivar curvttc: [s] to the pedestrian that it faces, at the beginning of the step; infinity without a contact.
     :ivar faces: key of that pedestrian; None without one.
@@ -64,10 +64,10 @@ class Driver:
     The autopilot drives until CurvTTC of a visible pedestrian falls below 5 s. Then the policy sets the speed,
     until 3 s after the last critical tick. The driver keeps its lane and does not see other vehicles.
 
-    :param weights: a file, a name shipped with the package, or `Weights`.
+    :param weights: a file, a name shipped with the package, or a `Bank` or `Weights`.
     :param seed: of every random draw; with `episode` and the scenario's number it determines the person.
-    :param scenario: one of ours by number, name, file or value.
-    :param lane: float[N, 2] [m], centreline of its lane, with bends of a radius of 6.2 m or more.
+    :param scenario: by number, name, file, or as a `Scenario`.
+    :param lane: float[N, 2] [m], centreline of its lane; bends with a radius below 5.6 m are refused.
     :param speed: [m/s] with nothing near; None: drawn from recorded right turns, 0.4 to 5.6.
     :param config: periods and hand-over; its drivers are ignored.
     :param policy: random draws; None: by `seed`.

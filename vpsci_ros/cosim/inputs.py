@@ -37,7 +37,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 def require_kinds(who: str, given: Mapping[str, Any]) -> None:
     """Refuse an argument of a wrong type to the constructor of `Pedestrian` or `Driver`.
 
-    :raises InvalidInput: names the first one.
+    :raises InvalidInput: an argument of a wrong type; the message names the first one.
     """
     require_form(given, {name: kinds for name, kinds in _KINDS.items() if name in given}, who)
 
@@ -77,9 +77,9 @@ Agent = TypeVar("Agent", Vehicle, Walker)
 
 
 def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
-    """Check a `Vehicle` or `Walker`, and return it with its numbers as floats.
+    """Check a `Vehicle` or `Walker`, and return it with its numbers as floats; `who` opens messages.
 
-    :raises InvalidInput: another type, numbers beyond `GREATEST`, or a size that is not above 0; `who` names its owner.
+    :raises InvalidInput: another type, a number that is not finite or beyond `GREATEST`, or a size that is not above 0.
     """
     if not isinstance(given, kind):
         raise InvalidInput(f"{who}: expected a vpsci_ros.{kind.__name__}, got {type(given).__name__}")
@@ -116,7 +116,7 @@ def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agen
 def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
     """Check parked vehicles and return float64[K, 5]: x, y [m], heading [rad], length, width [m]; None for None.
 
-    :raises InvalidInput: another shape, numbers beyond `GREATEST`, or sizes that are not above 0.
+    :raises InvalidInput: another shape, numbers not finite or beyond `GREATEST`, or sizes that are not above 0.
     """
     if given is None:
         return None
@@ -146,9 +146,9 @@ class Tracks:
         self._last: dict[Hashable, Vehicle] = {}
 
     def completed(self, vehicles: dict[Hashable, Vehicle], since: float) -> dict[Hashable, Vehicle]:
-        """Return vehicles with known curvature and acceleration; a reversing one as driving forward the other way.
+        """Return vehicles with curvature and acceleration filled in; a reversing one as driving forward the other way.
 
-        :param since: time since the step before [s]; 0 at the first one.
+        :param since: time since the previous step [s]; 0 at the first step.
         """
         self._last = {key: self._complete(_forward(each), key, since) for key, each in vehicles.items()}
         return self._last

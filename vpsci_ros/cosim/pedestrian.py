@@ -65,13 +65,13 @@ class Pedestrian:
     It walks its route until CurvTTC of a visible vehicle falls below 5 s. From the next policy frame the
     policy moves it, until 3 s after the last critical tick. Policy frames come every 0.1 s from the first step.
 
-    :param weights: a file, a name shipped with the package, or `Weights`.
+    :param weights: a file, a name shipped with the package, or a `Bank` or `Weights`.
     :param seed: of every random draw; with `episode` and the scenario's number it determines the person.
-    :param scenario: one of ours by number, name, file or value; pace, line and delay are drawn for this episode.
+    :param scenario: by number, name, file, or as a `Scenario`; pace, line and delay are drawn for this episode.
     :param route: float[N, 2] [m], walked from the first step to its end.
     :param goal: (x, y) [m], reached straight from the place of the first step.
     :param speed: [m/s] with nothing near; None: drawn from recorded people.
-    :param number: of the pedestrian within an episode of ours with several, see `WorldConfig.pedestrians`.
+    :param number: of the pedestrian within an episode of several, see `WorldConfig.pedestrians`.
     :param config: periods, kinds of pedestrian, hand-over; its drivers are ignored.
     :param policy: random draws; None: by `seed`.
     :raises InvalidInput: not exactly one of scenario, route and goal, or a refused value.
@@ -122,7 +122,10 @@ class Pedestrian:
 
     @property
     def person(self) -> Person:
-        """The drawn person; before the hand-over, `recorded` is -1 and `beyond` is None."""
+        """The drawn person; before the hand-over, `recorded` is -1 and `beyond` is None.
+
+        :raises InvalidInput: before the first step of a pedestrian with a `goal`.
+        """
         body = self._made_body()
         return body.person(float(body.record["walking_speed"]))
 
@@ -139,7 +142,7 @@ class Pedestrian:
         :param own: its present state.
         :param vehicles: states by key; a key names the same vehicle in every step. The pedestrian faces the visible
             one with the least CurvTTC; of equal ones the one faced before, then the nearest.
-        :param pedestrians: the others, whom it keeps apart from; the nearest `MOST` - 1 count.
+        :param pedestrians: the other pedestrians, from whom it keeps apart; the nearest `MOST` - 1 count.
         :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of vehicles that hide others; None: the
             scenario's.
         :param period: [s] to the next step, 0.001 to 2; it may change.
@@ -191,7 +194,7 @@ class Pedestrian:
     def _look(
         self, body: Body, own: Walker, cars: dict[Hashable, Vehicle], parked: NDArray[np.float64]
     ) -> tuple[Hashable | None, float, float]:
-        """Return the vehicle that it faces, its CurvTTC [s] and its distance [m]."""
+        """Return the key of the vehicle that the pedestrian faces, CurvTTC [s] and centre distance [m]."""
         if not cars:
             return None, math.inf, math.nan
         keys, vehicles = list(cars), list(cars.values())

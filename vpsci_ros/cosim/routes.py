@@ -29,7 +29,7 @@ def named_scenario(scenario: int | str | Path | Scenario) -> Scenario:
 def scenario_of_walk(route: ArrayLike) -> Scenario:
     """Return a scenario whose pedestrian walks a route, float[N, 2] [m], to its end.
 
-    :raises InvalidInput: fewer than two different points, or a way below a metre or above 20 km.
+    :raises InvalidInput: fewer than two finite points, equal consecutive points, or a way below a metre or above 20 km.
     """
     points, way, across = _middle(route, "route")
     walk = {"route": points, "goal": way.length, "arrival": [1.0, 1.0], "offset": [0.0, 0.0], "waiting": 0.0}
@@ -48,7 +48,7 @@ def scenario_of_lane(lane: ArrayLike) -> Scenario:
 
 
 def _middle(points: ArrayLike, what: str) -> tuple[list[list[float]], Way, list[list[float]]]:
-    """Return points as a list, the way along them, and another way straight across its middle."""
+    """Return points as a list, the `Path` along them, and the two ends of a straight line across its middle."""
     try:
         array = np.array(points, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -66,7 +66,7 @@ def _middle(points: ArrayLike, what: str) -> tuple[list[list[float]], Way, list[
 
 
 def _end(across: list[list[float]]) -> float:
-    """Return the end of the other agent's way [m], whose length rounding may have made a little less."""
+    """Return the arc length [m] at the end of the other agent's way, which rounding may have shortened a little."""
     return min(2.0 * _ACROSS, resample(np.array(across)).length)
 
 
