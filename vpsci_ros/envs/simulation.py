@@ -111,7 +111,7 @@ class Simulation:
         return self._shown(self.world.state.copy(), self._loop.assessment.curvttc)
 
     def step(self, given: Actions = NO_ACTIONS) -> Snapshot:
-        """Advance by the policy period with actions of a row a slot; return the new state of all slots."""
+        """Advance by the policy period with `given` actions, a row for each slot; return the new state of all slots."""
         world, several = self.world, self.config.pedestrians
         if several > 1:
             arrays = {name: value for name, value in vars(given).items() if value is not None}

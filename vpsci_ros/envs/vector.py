@@ -81,9 +81,9 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
-        """Advance all by 0.1 s with actions float32[num_envs, 2]; return observations, rewards and so on as arrays.
+        """Advance all environments by 0.1 s; return observations, rewards, terminated, truncated and infos.
 
-        Their order is that of `RightTurnEnv.step`, the first axis is the environment.
+        Actions are float32[num_envs, 2]; the first axis of each returned array is the environment.
 
         :raises ResetNeeded: Gymnasium's error, before the first `reset`.
         """

@@ -21,7 +21,7 @@ class HeldOut:
         self.control = self._errors(RepeatVelocity())
 
     def errors(self, weights: Weights) -> dict[str, float]:
-        """Return ADE and FDE [m] of both protocols, means over interactions and agents, such as `closed_loop_ade`."""
+        """Return ADE and FDE [m] of both protocols by name (`closed_loop_ade`), means over interactions and agents."""
         return self._errors(PolicyPredictor(weights))
 
     def _errors(self, model: Predictor) -> dict[str, float]:

@@ -42,9 +42,9 @@ def energy_score(positions: Floats, recorded: Floats) -> Floats:
 
 
 def min_ade(positions: Floats, recorded: Floats, best_of: int = BEST_OF) -> Floats:
-    """Return the least error of `best_of` of the K roll-outs (of all K if these are fewer), expected, float64[n] [m].
+    """Return the expected least error of `best_of` randomly chosen roll-outs (if K is less, of all K), float64[n] [m].
 
-    The expectation is over all choices of `best_of` roll-outs, so it does not depend on the order of roll-outs.
+    The expectation is over all choices of `best_of` of the K roll-outs, so it does not depend on their order.
     """
     each = np.sort(errors(positions, recorded), axis=1)
     count = each.shape[1]

@@ -13,7 +13,7 @@ from vpsci_ros.world.observation import AGENTS
 
 @dataclass(frozen=True)
 class AgentType:
-    """A kind of agent, see docs/extending.md.
+    """A kind of agent: the function that makes one, and the agents that it can be; see docs/extending.md.
 
     :ivar make: returns the agent, given "vehicle" or "pedestrian" and the parameters of that agent's node.
     :ivar agents: "vehicle", "pedestrian" or both: the agents that `make` accepts.

@@ -13,7 +13,7 @@ from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP, to_heading_fr
 
 
 class Histories:
-    """The histories of B slots.
+    """Step numbers and last motion of the histories of B slots.
 
     :ivar step: int64[B], policy frames since the first hand-over of the slot's episode.
     :ivar driven: bool[B], where the rule-based pair drove at the last policy frame of the history.

@@ -139,7 +139,7 @@ def post_encroachment_time(
     width: float = VEHICLE_WIDTH,
     radius: float = PEDESTRIAN_RADIUS,
 ) -> tuple[Floats, Floats]:
-    """Post-encroachment time (PET): from when the first agent left the crossing point to when the second reached it.
+    """Return PET [s], from when the first agent left the crossing point to when the second came, and this time [s].
 
     The crossing point is the first point of the pedestrian's recorded path that lies on the vehicle's; an agent covers
     that point while the point lies within the agent's footprint. See Allen, Shin and Cooper, "Analysis of traffic

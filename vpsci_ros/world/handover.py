@@ -19,7 +19,7 @@ from vpsci_ros.world.state import HANDED_BACK, HANDED_OVER, RUNNING
 
 
 def policy_frame(state: NDArray[np.void], config: WorldConfig) -> NDArray[np.bool_]:
-    """Return where the policies may act: bool[B] for EPISODE[B] records."""
+    """Return which EPISODE[B] records run and are at a policy frame, bool[B]."""
     return (state["status"] == RUNNING) & (state["frame"] % config.policy_ticks == 0)
 
 

@@ -30,7 +30,7 @@ _HEAD = 7  # numbers of an intervention before its accelerations
 
 
 class Intervention(NamedTuple):
-    """The change of the commands in one episode.
+    """The changes of one episode: of the car's speed and of the driving system's commands.
 
     :ivar frame: frame of the episode at which `speed` is added and `forced` begins.
     :ivar speed: added to the car's speed at `frame` [m/s]; the sum is at least 0.

@@ -84,7 +84,10 @@ class Loop:
         return self.advance(self.assessment, self.actions(given))
 
     def advance(self, assessment: Assessment, actions: Actions) -> Step:
-        """Advance with these answers to the present tick, see `World.advance`; return the `Step`, its tick a copy."""
+        """Advance with these answers to the present tick; return the `Step`, with a copy of the tick's state.
+
+        See `World.advance`.
+        """
         tick = self.world.now
         state = tick.state.view(np.uint8).copy().view(tick.state.dtype)  # whole, sixty times as fast as by fields
         if self._interventions is not None:

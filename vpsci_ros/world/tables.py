@@ -44,7 +44,7 @@ SCENARIO = np.dtype(
 
 
 class Tables(NamedTuple):
-    """S scenarios for compiled code, R = 2 S rows."""
+    """S scenarios as arrays for compiled code: R = 2 S rows, the second half with the walking routes reversed."""
 
     rows: NDArray[np.void]  # SCENARIO[R]
     lane: NDArray[np.float64]  # [R, N, 2] centrelines [m]
