@@ -139,11 +139,12 @@ def post_encroachment_time(
     width: float = VEHICLE_WIDTH,
     radius: float = PEDESTRIAN_RADIUS,
 ) -> tuple[Floats, Floats]:
-    """Return PET [s], from when the first agent left the crossing point to when the second came, and this time [s].
+    """Return the post-encroachment time (PET) [s] and the time [s] of the second agent's arrival at the crossing point.
 
-    The crossing point is the first point of the pedestrian's recorded path that lies on the vehicle's; an agent covers
-    that point while the point lies within the agent's footprint. See Allen, Shin and Cooper, "Analysis of traffic
-    conflicts and collisions" (1978).
+    PET is the time from when the first agent left the crossing point to when the second agent reached it. The crossing
+    point is the first point of the pedestrian's recorded path that lies on the vehicle's; an agent covers that point
+    while the point lies within the agent's footprint. See Allen, Shin and Cooper, "Analysis of traffic conflicts and
+    collisions" (1978).
 
     PET looks back: where one agent never gets to the crossing point, because it stopped or turned away, the paths do
     not cross and PET is undefined, however near the miss was.
