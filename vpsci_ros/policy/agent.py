@@ -54,8 +54,9 @@ class PolicyAgent:
 
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
 
-        :raises InvalidInput: a bank without the source `people`, networks although a source is named, or networks of
-            another shape than those that act.
+        :raises InvalidInput: a bank without the source `people`, networks although a source is named, or, where SST
+            networks act, networks of another shape.
+        :raises RuntimeError: where other networks act, networks of another shape (torch's error).
         """
         require_source(policy, self._people)
         first, same = self._policy is None, isinstance(policy, Weights) and isinstance(self._work, NetworkAtWork)

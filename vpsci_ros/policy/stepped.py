@@ -40,7 +40,10 @@ class SteppedActor:
         self.load(weights)
 
     def load(self, weights: Weights) -> None:
-        """Use other weights of the same shape, see `StreamingActor.load`."""
+        """Use other weights of the same shape from the next step on; histories continue.
+
+        :raises RuntimeError: torch's error, if the networks differ in shape.
+        """
         import torch
 
         self._actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in weights.tensors.items()})
