@@ -31,7 +31,8 @@ INTRODUCTION = """# Nodes: topics and services
 `tools/node_tables.py` writes this page from the code. [Parameters](parameters.md) lists all parameters.
 
 The columns *from* and *to* have the nodes of a graph. They leave out driving systems (also `example_ads`), the
-`replayer` and your own nodes; [ads.md](ads.md) lists what a driving system reads and publishes.
+`replayer` and your own nodes; [ads.md](ads.md) lists what a driving system reads and publishes. The column *QoS* is
+that of the publishers.
 """
 
 PARAMETERS = """# Parameters
@@ -56,19 +57,23 @@ NOTES = """
 - **Quality of service.** The ROS parameter `qos_overrides./TOPIC.publisher.depth` changes the depth of a publisher.
   Write `subscription` for `publisher`, and `history` or `reliability` for `depth`, to change these. `/tf` and
   `/markers` have a depth of 1,000 messages, since the recorder must get all of them; a viewer may subscribe with any
-  depth.
+  depth. The recorder and the learner keep all messages until they read them (history KEEP_ALL); the world subscribes to
+  `/vehicle/cmd_accel` and `/vehicle/cmd_control` with depth 32.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
-- **Diagnostics.** Every node publishes a report on `/diagnostics` each second of wall time, with its parameters and
-  counts (`vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped with simulated time. The level
-  WARN of a report means that the node waits; ERROR means that the node rejected messages, or that an unexpected node
-  publishes on one of its topics. The content of reports depends on the machine. On one CPU model
-  and with one version of the package, everything else in a bag depends on parameters, scenario files and weights alone,
-  as long as no answer is missing and no learner or external driving system takes part.
+- **Diagnostics.** Every node of a graph publishes a report on `/diagnostics` each second of wall time, with its
+  parameters and counts (`vpsci_ros/world/counts.py` has those of the world). Like all messages of a bag, reports are
+  stamped with simulated time. The level WARN of a report means that the node waits; ERROR means that the node rejected
+  messages, or that an unexpected node publishes on one of its topics. The content of reports depends on the machine. On
+  one CPU model and with one version of the package, all other messages of a bag depend on parameters, scenario files
+  and weights alone, as long as no answer is missing and no learner, CARLA server or external driving system takes part.
+  The publish times of all messages are wall times.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores, and each writes a log.
-- **Frames.** The world publishes odometry, transforms, `/markers` and robot descriptions only with `batch=1`. Frames
-  are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and `pedestrian/base_link` (x in
-  its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove (`docs/foxglove_layout.json`) show these frames.
+- **Frames.** The world publishes odometry, transforms, `/markers` and robot descriptions only with `batch=1`,
+  `/pedestrians/odometry` only with several pedestrians, and no odometry of pedestrians in a graph with `perception`.
+  Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
+  `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
+  (`docs/foxglove_layout.json`) show these frames.
 - **End.** `world_simulator` ends after its last episode, the `replayer` at the end of its bag, and a `learner` of stage
   1 after its training. All other nodes then wait for the next `world_simulator` until Ctrl-C.
 - **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
@@ -81,7 +86,8 @@ def page() -> str:
     parts = [INTRODUCTION, "## Topics\n", "| topic | type | from | to | QoS |", "|---|---|---|---|---|"]
     for row in TOPICS.values():
         package = row.type.__module__.split(".")[0]
-        qos = f"{row.qos.reliability.name.lower()}, {row.qos.durability.name.lower()}, depth {row.qos.depth}"
+        qos = f"{row.qos.reliability.name.lower()}, {row.qos.durability.name.lower()}"
+        qos += f", depth {row.qos.depth}" if row.publishers else ""  # a driving system sets the depth of its commands
         ends = " | ".join(", ".join(f"`{n}`" for n in names) for names in (row.publishers, row.subscribers))
         parts.append(f"| `{row.name}` | {package}/{row.type.__name__} | {ends} | {qos} |")
     parts += ["\n## Services\n", "| service | type | offered by | what it does |", "|---|---|---|---|"]
