@@ -55,18 +55,16 @@ NOTES = """
   namespace as prefix (`left/vehicle/base_link`). Graphs in two namespaces, or with two values of `ROS_DOMAIN_ID`, do
   not disturb each other.
 - **Quality of service.** The ROS parameter `qos_overrides./TOPIC.publisher.depth` changes the depth of a publisher.
-  Write `subscription` for `publisher`, and `history` or `reliability` for `depth`, to change these. `/tf` and
-  `/markers` have a depth of 1,000 messages, since the recorder must get all of them; a viewer may subscribe with any
-  depth. The recorder and the learner keep all messages until they read them (history KEEP_ALL); the world subscribes to
-  `/vehicle/cmd_accel` and `/vehicle/cmd_control` with depth 32.
+  Write `subscription` for `publisher`, and `history` or `reliability` for `depth`, to change these. Viewers may
+  subscribe with any depth. The recorder and the learner keep all messages until they read them (history KEEP_ALL); the
+  world subscribes to `/vehicle/cmd_accel` and `/vehicle/cmd_control` with depth 32.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
 - **Diagnostics.** Every node of a graph publishes a report on `/diagnostics` each second of wall time, with its
-  parameters and counts (`vpsci_ros/world/counts.py` has those of the world). Like all messages of a bag, reports are
-  stamped with simulated time. The level WARN of a report means that the node waits; ERROR means that the node rejected
+  parameters and figures (of the world: `vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped
+  with simulated time. The level WARN of a report means that the node waits; ERROR means that the node rejected
   messages, or that an unexpected node publishes on one of its topics. The content of reports depends on the machine. On
   one CPU model and with one version of the package, all other messages of a bag depend on parameters, scenario files
   and weights alone, as long as no answer is missing and no learner, CARLA server or external driving system takes part.
-  The publish times of all messages are wall times.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores, and each writes a log.
 - **Frames.** The world publishes odometry, transforms, `/markers` and robot descriptions only with `batch=1`,
