@@ -38,7 +38,7 @@ that of the publishers.
 PARAMETERS = """# Parameters
 
 `tools/node_tables.py` writes this page from the code: each parameter once, by purpose. Equations, tables and
-sections are those of the paper. `params/*.yaml` set most parameters; `--set NODE.NAME=VALUE`, `vpsci node NODE
+sections are those of the paper. `params/*.yaml` set parameters; `--set NODE.NAME=VALUE`, `vpsci node NODE
 --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown name, a wrong type, a value out of range, or a name
 that the stage does not read ends the command with a message. A dot marks a group, which a file may write as a mapping
 (`noise: {start: 0.1}`). The section `/**` of a file sets parameters of several nodes at once. "(running)" marks a

@@ -26,7 +26,10 @@ class DatasetConfig:
     """The content of a dataset: its number of kept episodes, its file formats, and whether it has rejected episodes."""
 
     kept: int = parameter(
-        0, "kept episodes to generate in each scenario; 0: the paper's counts (Table 10)", low=0, high=1_000_000_000
+        0,
+        "kept episodes to generate in each scenario; 0: the paper's counts (Table 10), for scenarios 1 to 8 only",
+        low=0,
+        high=1_000_000_000,
     )
     formats: list[str] = parameter(["parquet"], "formats of the file of each scenario", choices=("parquet", "csv"))
     keep_rejected: bool = parameter(False, "also write rejected episodes, to the folder rejected/")

@@ -62,7 +62,9 @@ class PolicyConfig:
         "bank or network weights: a safetensors file, or a shipped name (people, ma_sst_ddpg); empty: wait for weights "
         "on /policy/weights",
     )
-    explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
+    explore: bool = parameter(
+        False, "add the exploration noise of equation (16) to the actions of a network", read_only=False
+    )
     seed: int = parameter(1, "seed of the exploration noise and of the choice of reactions", low=0, high=2**63 - 1)
     people: str = parameter(
         "",

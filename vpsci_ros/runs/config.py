@@ -45,7 +45,7 @@ class RunConfig:
         high=2**32 - 1,
     )
     batch: int = parameter(
-        16, "number of episodes simulated in parallel; each message has all of them", low=1, high=65536
+        16, "number of episodes simulated in parallel; each /world/state has all of them", low=1, high=65536
     )
 
     def __post_init__(self) -> None:

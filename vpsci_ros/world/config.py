@@ -37,8 +37,8 @@ class WorldConfig:
     spawn: str = parameter(
         "right_turns",
         "initial motion of both agents; right_turns: of recorded right turns; human: of recordings on a campus; "
-        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: paper in even episodes, "
-        "right_turns in odd ones",
+        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: paper in episodes with even "
+        "numbers, right_turns in the others",
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(
@@ -119,7 +119,7 @@ class SimulatorConfig:
     )
     action_timeout: float = parameter(
         2.0,
-        "wall time to wait for an answer; without the answer the rule-based driver acts in this tick",
+        "wall time to wait for an answer; without an action the rule-based driver acts until the next one",
         unit="s",
         low=0.01,
         high=3600.0,
@@ -131,7 +131,7 @@ class SimulatorConfig:
     external_mode: str = parameter(
         "lock_step",
         "lock_step: wait for a command at every tick, at most action_timeout; real_time: advance at real_time_factor "
-        "(at 1 if real_time_factor is 0) and hold the last command",
+        "(at 1 if real_time_factor is 0), hold the last command for 0.5 s, then brake",
         choices=("lock_step", "real_time"),
     )
     interventions: list[float] = parameter(
@@ -143,4 +143,6 @@ class SimulatorConfig:
     recorded_bag: str = parameter(
         "", "bag whose motion the driver replay follows; it needs the run's scenarios and episode numbers"
     )
-    publish_transitions: bool = parameter(False, "publish the steps under the policies on /replay, for a learner")
+    publish_transitions: bool = parameter(
+        False, "publish the steps of each episode from its first hand-over on, on /replay, for a learner"
+    )

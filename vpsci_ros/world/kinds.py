@@ -37,7 +37,7 @@ class KindMixture:
     :raises InvalidInput: all of them are 0.
     """
 
-    adult: float = parameter(1.0, "relative frequency of adults, who walk as recorded", low=0.0, high=1e6)
+    adult: float = parameter(1.0, "relative frequency of adults, who walk as the spawn draws", low=0.0, high=1e6)
     older: float = parameter(0.0, "relative frequency of pedestrians above 65 years", low=0.0, high=1e6)
     child: float = parameter(0.0, "relative frequency of children, who wait at the kerb, then run", low=0.0, high=1e6)
     distracted: float = parameter(0.0, "relative frequency of adults who react late or never", low=0.0, high=1e6)
