@@ -1,7 +1,11 @@
+from io import StringIO
+
 import polars as pl
 import pytest
+from rich.console import Console
 
 from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, reward_weight_study, sample_size_study
+from vpsci_ros.extras.paper.studies.tables import print_table_5
 from vpsci_ros.learning.config import (
     PretrainConfig,
     RefineConfig,
@@ -60,3 +64,8 @@ def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_pat
         assert (table[f"{name}_rate"] <= table[f"{name}_high"]).all()
     assert table["reconstruction_fde"].null_count() == table["closed_loop_ade"].null_count() == 0
     assert pl.read_csv(tmp_path / "table_5.csv").height == 4
+    console = Console(width=80, file=StringIO())
+    print_table_5(table, console)
+    printed = console.file.getvalue()
+    assert "60 20 20" in printed, "the final weights, which were chosen"
+    assert "33 33 33" in printed, "the adaptive ones, after four episodes"

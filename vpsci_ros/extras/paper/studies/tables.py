@@ -65,14 +65,13 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
             for protocol, digits in (("reconstruction", 4), ("closed_loop", 3))
         )
         published = [f"[{value:.3f}]" for value in (paper.ade, paper.fde)] if paper else ["", ""]
-        learned = [row.get(f"w_{name}") for name in ("collision", "goal", "speed")]
-        weights = " ".join("-" if value is None else f"{100.0 * value:.0f}" for value in learned)
-        errors.append((row["weights"], *once, *published, *loop, weights))
+        errors.append((row["weights"], *once, *published, *loop, *(_percents(row, agent) for agent in AGENTS)))
     title = "fresh episodes, no exploration: share of the critical ones in % [paper's]"
     heads = ["weights", "collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"]
     console.print(text_table(title, heads, rates))
     title = "held-out clips: ADE, FDE in metres [paper's, on its own data]"
-    heads = ["recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE", "final w\nin %"]
+    heads = ["recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE"]
+    heads += ["w in %:\nvehicle", "\npedes-\ntrian"]
     console.print(text_table(title, ["weights", *heads], errors))
     console.print(
         "Controls: pretrained is what all start from; constant_velocity accelerates nobody. "
@@ -185,6 +184,12 @@ def save_table_5(table: pl.DataFrame, path: Path) -> None:
 
 def _size(row: Row) -> int:
     return int(row["interactions"]) if row["interactions"].isdigit() else 0
+
+
+def _percents(row: Row, agent: str) -> str:
+    """Return an agent's final weights of (27) in percent, w_1 to w_3; "-" for each where nothing learned."""
+    learned = [row.get(f"{agent}_w_{name}") for name in ("collision", "goal", "speed")]
+    return " ".join("-" if value is None else f"{100.0 * value:.0f}" for value in learned)
 
 
 def _number(value: float | None, form: str) -> str:
