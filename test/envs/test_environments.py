@@ -20,6 +20,7 @@ from vpsci_ros.errors import InvalidInput  # noqa: E402
 from vpsci_ros.policy.config import NetworkConfig  # noqa: E402
 from vpsci_ros.policy.weights import Weights  # noqa: E402
 from vpsci_ros.world import WorldConfig  # noqa: E402
+from vpsci_ros.world.state import EPISODE  # noqa: E402
 
 WALKER = {"pedestrian": "social_force"}
 
@@ -121,6 +122,14 @@ def test_leaving_the_lane_ends_the_episode_at_a_cost():
     assert info["outcome"] == "none"
     assert abs(rows[-1, 3]) > task.OFF_LANE
     assert total < 0.5 * task.AT_FAILURE
+
+
+def test_the_lane_is_left_at_the_same_cost_on_both_sides():
+    state, observation = np.zeros(2, EPISODE), np.zeros((2, task.SIZE), np.float32)
+    observation[:, 3] = 5.0, -5.0
+    reward, terminated, _ = task.outcome(state, state, observation)
+    assert terminated.all()
+    assert reward.tolist() == [task.AT_FAILURE - task.LATERAL * task.OFF_LANE**2] * 2
 
 
 def test_the_picture_shows_lane_vehicle_and_pedestrian():

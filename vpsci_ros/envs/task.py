@@ -57,7 +57,7 @@ def outcome(
     collision = (after["outcome"] == COLLISION) | (after["outcome"] == PARKED_COLLISION)
     off = np.abs(lateral) > OFF_LANE
     goal = (after["vehicle_goal"] != 0) & ~collision
-    reward = PROGRESS * (after["route_s"] - before["route_s"]) - LATERAL * np.minimum(lateral, OFF_LANE) ** 2
+    reward = PROGRESS * (after["route_s"] - before["route_s"]) - LATERAL * np.minimum(np.abs(lateral), OFF_LANE) ** 2
     reward += AT_GOAL * goal + AT_FAILURE * (collision | off)
     terminated = collision | off | goal
     return reward, terminated, (after["outcome"] == TIMEOUT) & ~terminated
