@@ -208,9 +208,10 @@ class GraphNode(Node, metaclass=_Destroying):
         """Complete the node's work; called once however its run ends, while publishing still works."""
 
     def flush(self) -> None:
-        """Wait until the recorder has this node's messages, at most `FLUSH_LIMIT` a topic; a timeout ends the wait."""
-        recorded = [output for output in self._offered if "recorder" in output.expected and output.published]
-        all(output.flush(FLUSH_LIMIT) for output in recorded)
+        """Wait until the recorder has this node's messages, at most `FLUSH_LIMIT` a topic."""
+        for output in self._offered:
+            if "recorder" in output.expected and output.published:
+                output.flush(FLUSH_LIMIT)
 
     def _check_parameters(self, given: list[RosParameter]) -> SetParametersResult:
         try:
