@@ -40,7 +40,7 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
     except (SafetensorError, OSError) as error:
         raise InvalidInput(f"{path}: cannot read as a checkpoint: {error}; delete it to start again") from error
-    if metadata.get("format") != FORMAT:
+    if metadata.get("format") != FORMAT or "tree" not in metadata:
         raise InvalidInput(f"{path}: expected {FORMAT!r}, got {metadata.get('format')!r}; delete it to start again")
     tree: dict[str, Any] = _unflatten(json.loads(metadata["tree"]), arrays)
     return tree

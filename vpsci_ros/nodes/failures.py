@@ -94,7 +94,8 @@ class Silence:
                 f"{ahead} of the {came} that came are stamped ahead of simulated time, as by the wall clock: set "
                 "use_sim_time of its nodes, or stamp each command with the message that it answers"
             )
-        return f"the ADS gave no usable command for {missing - self._missing} ticks in a row; {why}"
+        unanswered, ticks = missing - self._missing, counts.tick - self._tick
+        return f"the ADS gave no usable command for {unanswered} of the last {ticks} ticks; {why}"
 
 
 def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:

@@ -18,7 +18,8 @@ from vpsci_ros.documents import reason, require_form, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 
 Floats: TypeAlias = NDArray[np.float64]
-LARGEST, LONGEST_ROAD = 1e9, 1e5  # of a number in a map, which is in metres or radians; [m]
+LARGEST = 1e9  # of a number in a map, which is in metres or radians
+LONGEST_ROAD, LONGEST_ROUTE = 1e5, 2e5  # [m]
 LARGEST_FILE, MOST_ELEMENTS = 2**28, 2**22  # [bytes]; a map of a whole town has some 10 MB
 MOST_CORNERS = 1000  # of an outline
 LARGEST_GAP = 0.5  # [m] between the end of a lane and the beginning of the next one on a route
@@ -74,7 +75,7 @@ class OpenDriveMap:
 
         :param lanes: (road id, lane id); a lane with a positive id is driven against its road's reference line.
         :param step: distance between points [m], about.
-        :raises InvalidInput: no lane, two lanes that do not join, a route longer than twice `LONGEST_ROAD`, or as
+        :raises InvalidInput: no lane, two lanes that do not join, a route longer than `LONGEST_ROUTE`, or as
             `lane_centre`.
         """
         if not lanes:
@@ -84,8 +85,8 @@ class OpenDriveMap:
         for road, lane in lanes:
             piece = self.lane_centre(road, lane, step)
             length += step * len(piece)
-            if length > 2.0 * LONGEST_ROAD:
-                raise InvalidInput(f"{self.path}: the lanes of a route are longer than {LONGEST_ROAD:g} m; name fewer")
+            if length > LONGEST_ROUTE:
+                raise InvalidInput(f"{self.path}: the lanes of a route are longer than {LONGEST_ROUTE:g} m; name fewer")
             if pieces:
                 gap = math.dist(pieces[-1][-1], piece[0])
                 if gap > LARGEST_GAP:
