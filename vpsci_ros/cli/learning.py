@@ -80,7 +80,7 @@ def evaluate(
         typer.Option("--weights", metavar="[NAME=]FILE", help="Further policies: files or shipped names; repeatable."),
     ] = None,
     held_out: Annotated[
-        bool, typer.Option("--held-out", help="Measure only clips from which none of the policies learned.")
+        bool, typer.Option("--held-out", help="Measure only clips held out of all --weights (without: of people).")
     ] = False,
 ) -> None:
     """Print errors of the shipped and given policies on near misses, beside naive controls, in Table 9's columns.

@@ -19,8 +19,8 @@ def print_errors(result: dict[str, Any], console: Console) -> None:
     console.print(text_table(title, heads, rows))
     console.print(
         "The control is repeat_velocity. constant_velocity_tracked starts its closed loop from the vehicle's velocity "
-        "by its last positions, as the policies do; the other controls from the recorded one. Intervals: 95%, "
-        f"{result['units']} resampled.",
+        "by its last positions, as banks of people do; the other controls and networks from the recorded one. "
+        f"Intervals: 95%, {result['units']} resampled.",
         highlight=False,
     )
     if fixed := result.get("fixed_3s"):

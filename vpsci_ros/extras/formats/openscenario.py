@@ -68,7 +68,7 @@ def document(episode: Episode, road: str, vehicle: str) -> xosc.Scenario:
     board = xosc.StoryBoard(init, _at(float(episode.time[-1]), "end of the episode", "stop"))
     board.add_story(story)
     return xosc.Scenario(
-        f"{episode.label}: a vehicle turns right and a pedestrian crosses, {episode.outcome}",
+        f"{episode.label}: a vehicle and a crossing pedestrian, {episode.outcome}",
         "vpsci_ros",
         xosc.ParameterDeclarations(),
         entities,

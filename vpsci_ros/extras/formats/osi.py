@@ -56,7 +56,7 @@ def _write_trace(episode: Episode, path: Path) -> None:
             "max_protobuf_version": protobuf,
             "zero_time": "1970-01-01T00:00:00Z",
             "creation_time": "1970-01-01T00:00:00Z",
-            "description": f"{episode.label}: a vehicle turns right and a pedestrian crosses, {episode.outcome}",
+            "description": f"{episode.label}: a vehicle and a crossing pedestrian, {episode.outcome}",
             "authors": f"vpsci_ros {__version__}",
             "data_sources": "simulation",
         }

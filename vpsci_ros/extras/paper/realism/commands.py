@@ -43,7 +43,7 @@ def realism(
     ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
     held_out: Annotated[
-        bool, typer.Option("--held-out", help="Measure only on clips that no weights were trained on.")
+        bool, typer.Option("--held-out", help="Measure only on clips held out of all --weights (without: of people).")
     ] = False,
     clean: Annotated[
         bool,
