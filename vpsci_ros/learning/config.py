@@ -16,10 +16,7 @@ from vpsci_ros.world.observation import AGENTS
 
 @dataclass(frozen=True)
 class LearnerConfig:
-    """The learner: its stage, data, start and output folder.
-
-    :raises InvalidInput: starting weights for stage 1.
-    """
+    """The learner: its stage, near misses, starting weights and output folder."""
 
     stage: str = parameter("pretrain", "pretrain: stage 1; refine: stage 2", choices=("pretrain", "refine"))
     near_misses: list[str] = parameter(

@@ -50,7 +50,7 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """The bag of the recorder, and its files."""
+    """The folder of the recorder's bag, and the size of its files."""
 
     bag: str = parameter("out/bag", "folder of the bag, new or empty")
     split_size: int = parameter(

@@ -63,7 +63,7 @@ class PerceptionConfig:
     )
     reach: float = parameter(0.0, "range of the sensor; 0: unlimited", unit="m", low=0.0, high=1000.0)
     least_visible: float = parameter(
-        0.0, "visible share below which a pedestrian behind parked vehicles is not detected; 0: they hide nobody",
+        0.0, "visible share below which a pedestrian behind parked vehicles is not detected; 0: vehicles hide nobody",
         low=0.0, high=1.0,
     )  # fmt: skip
     position_noise: float = parameter(
