@@ -111,14 +111,20 @@ def test_dataset_json_names_every_file_with_its_hash(simulate, tmp_path: Path) -
     assert description["filters"]["least_frames"] == 100
 
 
-def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path) -> None:
+@pytest.mark.parametrize("late", [False, True])
+def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path, late: bool) -> None:
+    def cut(*_: object) -> str:
+        raise RuntimeError("cut")
+
     with (
         pytest.raises(RuntimeError, match="cut"),
         DatasetWriter(tmp_path / "d", {1: NAME}, {}, keep_rejected=True, formats=["parquet", "csv"]) as writer,
     ):
         collector = EpisodeFrames(3)
         write_blocks(writer, (collector.add(*tick) for tick in simulate(LENGTHS, OUTCOMES, 3)))
-        raise RuntimeError("cut")
+        if late:
+            writer.close(beside={"weights": b"w"}, datasheet=cut)
+        cut()
     assert list((tmp_path / "d").iterdir()) == []
 
 

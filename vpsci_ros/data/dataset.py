@@ -2,7 +2,7 @@
 
 Episodes are written in the order of their numbers, in row groups cut by rows alone, so that the bytes of a file depend
 on the episodes only: not on who simulated them, nor on the order in which they ended. A file appears when everything
-is written: until `close` there are hidden part files, and `discard` removes them. `dataset.json` comes last; a folder
+is written: until `close` there are hidden part files. `dataset.json` comes last; a folder
 without it is no dataset.
 """
 
@@ -98,7 +98,7 @@ class EpisodeTable:
 
 
 class DatasetWriter:
-    """Writes episodes; a context manager that discards the scenarios' files when its block fails or does not `close`.
+    """Writes episodes; a context manager that removes all its files when its block fails or does not `close`.
 
     :param folder: made if need be; must be empty.
     :param names: scenario number -> file stem (Table 6); files are made for those of which an episode comes.
@@ -132,6 +132,7 @@ class DatasetWriter:
         self._formats, self._row_group = tuple(formats), row_group
         self._tables: dict[tuple[int, bool], list[EpisodeTable]] = {}  # of kept and of rejected episodes, by scenario
         self._records: dict[int, list[np.ndarray]] = {}  # of the episodes that were written, by scenario
+        self._others: list[str] = []  # files besides the scenarios' that `close` began to write
         self._closed = False
 
     def __enter__(self) -> "DatasetWriter":
@@ -188,6 +189,7 @@ class DatasetWriter:
         :param beside: further files of the dataset, by their names.
         :param datasheet: makes the folder's README.md of the description.
         """
+        self._others = [INDEX, *(beside or {}), DATASHEET, DESCRIPTION]
         files = {}
         for table in itertools.chain(*self._tables.values()):
             path, rows = table.close()
@@ -209,9 +211,11 @@ class DatasetWriter:
         return description
 
     def discard(self) -> None:
-        """Remove the scenarios' files, finished or not."""
+        """Remove every file that this writer wrote, finished or not."""
         for table in itertools.chain(*self._tables.values()):
             table.discard()
+        for name in self._others:
+            (self.folder / name).unlink(missing_ok=True)
         rejected = self.folder / REJECTED
         if rejected.is_dir() and not any(rejected.iterdir()):
             rejected.rmdir()
