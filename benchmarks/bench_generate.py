@@ -109,13 +109,13 @@ def end_to_end(job: Job, targets: Mapping[int, int], workers: int) -> dict[str, 
 def breakdown(job: Job, batch: int, episodes: int, watches: Stopwatches) -> dict[str, float]:
     """Simulate units in this process and return CPU seconds by part."""
     simulator = simulate.Simulator(job, batch)
-    simulator.run(Unit(job.scenarios[0].number, range(8)))  # compiled or loaded
+    simulator(Unit(job.scenarios[0].number, range(8)))  # compiled or loaded
     watches.seconds.clear()
     watches.actor_steps = 0
     kept = uncritical_frames = frames = 0
     begin = time.process_time()
     for scenario in job.scenarios:
-        part = simulator.run(Unit(scenario.number, range(episodes)))
+        part = simulator(Unit(scenario.number, range(episodes)))
         kept += int(part.kept.sum())
         frames += int(part.records["frames"].sum())
         uncritical_frames += int(part.records["frames"][part.records["failed"][:, 0]].sum())

@@ -17,12 +17,13 @@ from generate.small import TARGETS, UNIT
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.parts import FINISHED, FOLDER
+from vpsci_ros.generate.parts import FINISHED, FOLDER, read_part, write_part
 from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.run import generate, part_writers, simulators
-from vpsci_ros.generate.simulate import Simulator, computing, storing
+from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.runs.files import atomic_write, sha256
 from vpsci_ros.runs.workers import Processes, Serial
 
@@ -70,7 +71,7 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(partial(storing, job, 64, parts)), unit=UNIT)
     assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
-    assert len(list((tmp_path / "d" / FOLDER).glob("*.parquet"))) == 2
+    assert len(list((tmp_path / "d" / FOLDER).glob("*.arrow"))) == 2
     resumed = make(tmp_path / "d", unit=1000)  # goes on in the units of old
     assert resumed.computed == make(tmp_path / "once").computed - 2 * UNIT
     assert hashes(tmp_path / "d") == hashes(made)
@@ -94,12 +95,26 @@ def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record
 def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(partial(storing, job, 64, parts)), unit=UNIT)
-    part = next((tmp_path / "d" / FOLDER).glob("*.parquet"))
+    part = next((tmp_path / "d" / FOLDER).glob("*.arrow"))
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
     part.write_bytes(data)
     make(tmp_path / "d")
     assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_part_holds_its_block_to_the_bit_and_tells_any_damage(job, tmp_path) -> None:
+    block, path = Simulator(job, 8)(Unit(1, range(8))), tmp_path / "part"
+    assert read_part(path) is None
+    write_part(path, block)
+    records, rows = read_part(path)
+    assert records.tobytes() == block.records.tobytes()
+    assert rows.equals(arrow_rows(block))
+    whole = path.read_bytes()
+    flipped = [whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :] for at in (0, 4, len(whole) // 2, len(whole) - 1)]
+    for damaged in (b"", whole[:3], whole[:4], whole[:-1], whole + b"0", *flipped):
+        path.write_bytes(damaged)
+        assert read_part(path) is None
 
 
 def test_two_processes_of_which_one_is_killed_and_other_units_and_batches_give_the_same_bytes(
@@ -140,12 +155,12 @@ def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, mo
     assert len(killed) == 1
     assert found == unit
     assert block.values.nbytes > 1_000_000, "more than a pipe takes at once"
-    here = Simulator(job, 64).run(unit)
+    here = Simulator(job, 64)(unit)
     assert (block.records.tobytes(), block.values.tobytes()) == (here.records.tobytes(), here.values.tobytes())
 
 
 def test_an_error_in_a_worker_is_raised_here(job) -> None:
-    workers = Processes(partial(computing, job, 8), 1)
+    workers = Processes(partial(Simulator, job, 8), 1)
     workers.submit(Unit(99, range(8)))
     with pytest.raises(InvalidInput, match="scenario 99"):
         workers.collect()
@@ -182,7 +197,7 @@ def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, ma
 
 def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, made, tmp_path, monkeypatch) -> None:
     def full(path: Path):
-        if len(list(path.parent.glob("1-*.parquet"))) == 2:
+        if len(list(path.parent.glob("1-*.arrow"))) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return atomic_write(path)
 

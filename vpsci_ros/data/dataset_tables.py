@@ -10,7 +10,6 @@ after those of the one before.
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -69,8 +68,8 @@ def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
     return 2 * count, 2 * count + 1 + pedestrian * NEXT_PEDESTRIAN
 
 
-def arrow_rows(block: EpisodeBlock, **metadata: Any) -> pa.Table:
-    """Return the rows of the stored episodes as an Arrow table with `DATASET_COLUMNS`, and `metadata` in its schema."""
+def arrow_rows(block: EpisodeBlock) -> pa.Table:
+    """Return the rows of the stored episodes as an Arrow table with `DATASET_COLUMNS`."""
     several = np.where(block.records["rows"] > 0, block.records["pedestrians"], 0)
     lengths = np.repeat(block.records["frames"], several)  # a pair each
     count = np.repeat(np.repeat(block.records["count"], several), lengths)
@@ -78,7 +77,7 @@ def arrow_rows(block: EpisodeBlock, **metadata: Any) -> pa.Table:
     frame = (np.arange(len(count)) - np.repeat(np.cumsum(lengths) - lengths, lengths)).astype(np.int32)
     ids = agent_ids(count, np.repeat(person, lengths))
     columns = [count, frame, *ids, *(np.ascontiguousarray(each) for each in block.values.T)]
-    return pa.table([pa.array(column) for column in columns], schema=arrow_schema(DATASET_COLUMNS, metadata))
+    return pa.table([pa.array(column) for column in columns], schema=arrow_schema(DATASET_COLUMNS, {}))
 
 
 def index_table(records: NDArray[np.void]) -> pl.DataFrame:

@@ -1,9 +1,9 @@
-"""The parts of an unfinished dataset: a Parquet file for each finished unit of work; a stopped run resumes from them.
+"""The parts of an unfinished dataset: an Arrow file for each finished unit of work; a stopped run resumes from them.
 
-The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts. A part has
-the rows of its episodes as the dataset has them, uncompressed, and the records of all episodes in its schema. It
-appears whole, by a rename. A damaged one fails its checksums and its unit is computed again. The folder is removed when
-the dataset is complete and its record written.
+The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts. A part is a
+checksum and the Arrow table of its episodes' rows as the dataset has them, with the records of all its episodes in the
+schema. A part appears whole, by a rename. A damaged part fails its checksum, and its unit is computed again. The folder
+is removed when the dataset is complete and its record written.
 """
 
 import contextlib
@@ -15,47 +15,45 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, arrow_rows
+from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
-from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.documents import read_json, require_form
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.output_folder import FolderLock
 
 FOLDER, RUN, FINISHED = ".generate", "run.json", "generation.json"
-_NUMBERS = [name for name, column in DATASET_COLUMNS.items() if column.dtype.is_integer()]
+_RECORDS = b"records"  # key of the schema's metadata
+_CHECKSUM = 4  # bytes at the beginning of a part
 
 
 def write_part(path: Path, block: EpisodeBlock) -> None:
     """Write the part of a unit: its episodes, in the order of their numbers."""
-    records = block.records.tobytes()
-    rows = arrow_rows(block, records=records.hex(), checksum=zlib.crc32(records))
-    with atomic_write(path) as part:
-        pq.write_table(rows, part, compression="none", use_dictionary=_NUMBERS, write_page_checksum=True)
+    rows = arrow_rows(block).replace_schema_metadata({_RECORDS: block.records.tobytes()})
+    stream = pa.BufferOutputStream()
+    with pa.ipc.new_stream(stream, rows.schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
+        writer.write_table(rows)
+    data = stream.getvalue()
+    with atomic_write(path) as part, part.open("wb") as file:
+        file.write(zlib.crc32(data).to_bytes(_CHECKSUM, "little"))
+        file.write(data)
 
 
-def read_part(path: Path) -> tuple[NDArray[np.void], pa.Table]:
-    """Return the records of a unit's episodes, JUDGED[n], and the rows of those that are stored.
-
-    :raises InvalidInput: no part, or a damaged one.
-    """
+def read_part(path: Path) -> tuple[NDArray[np.void], pa.Table] | None:
+    """Return a unit's records, JUDGED[n], and its stored rows; None if the part is missing or damaged."""
     try:
-        stored = read_metadata(path)
-        data = bytes.fromhex(stored["records"])
-        records = np.frombuffer(data, JUDGED)
-        rows = pq.read_table(path, page_checksum_verification=True)
-        if zlib.crc32(data) != stored["checksum"] or rows.num_rows != records["rows"].sum():
-            raise ValueError("its records are not those that were written")
-        return records, rows
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
-        raise InvalidInput(f"{path}: damaged part of a dataset: {error!r}; remove it and generate again") from None
+        whole = memoryview(path.read_bytes())
+    except OSError:
+        return None
+    checksum, data = whole[:_CHECKSUM], whole[_CHECKSUM:]
+    if not data or zlib.crc32(data) != int.from_bytes(checksum, "little"):
+        return None
+    rows = pa.ipc.open_stream(data).read_all()
+    return np.frombuffer(rows.schema.metadata[_RECORDS], JUDGED), rows
 
 
 class Parts:
@@ -70,22 +68,17 @@ class Parts:
 
     def path(self, unit: Unit) -> Path:
         """Return the path of a unit's part."""
-        return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.parquet"
+        return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.arrow"
 
     def load(self, unit: Unit) -> tuple[NDArray[np.void], pa.Table] | None:
         """Return a unit's records and rows; None if it is unfinished or its part damaged; a damaged part is removed."""
-        path = self.path(unit)
-        if not path.is_file():
-            return None
-        try:
-            return read_part(path)
-        except InvalidInput:
-            path.unlink()
-            return None
+        if (part := read_part(self.path(unit))) is None:
+            self.path(unit).unlink(missing_ok=True)
+        return part
 
     def finished(self, scenario: int) -> list[int]:
         """Return the first numbers of a scenario's finished units."""
-        return sorted(int(path.stem.partition("-")[2]) for path in self._folder.glob(f"{scenario}-*.parquet"))
+        return sorted(int(path.stem.partition("-")[2]) for path in self._folder.glob(f"{scenario}-*.arrow"))
 
     def remove(self) -> None:
         """Remove the parts of a complete dataset."""

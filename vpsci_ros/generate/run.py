@@ -22,7 +22,7 @@ from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.parts import FINISHED, Parts, parts_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
-from vpsci_ros.generate.simulate import computing, storing
+from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
@@ -50,7 +50,7 @@ class Generated:
 
 def simulators(job: Job, batch: int, count: int) -> Workers[Unit, EpisodeBlock]:
     """Return `count` worker processes that compute episodes; for a count of 1, this process itself."""
-    return local_workers(partial(computing, job, batch), count)
+    return local_workers(partial(Simulator, job, batch), count)
 
 
 def part_writers(job: Job, batch: int, count: int, parts: Parts) -> Workers[Unit, int]:

@@ -45,7 +45,7 @@ class Simulator:
         world = World(self._job.world, scenarios, episodes, self._batch, self._job.seed)
         return Loop(world, self._agents)
 
-    def run(self, unit: Unit) -> EpisodeBlock:
+    def __call__(self, unit: Unit) -> EpisodeBlock:
         """Simulate the unit's episodes and apply the filters to them."""
         job = self._job
         frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1, TOGETHER)
@@ -73,17 +73,12 @@ def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
     return EpisodeBlock(records, block.values)
 
 
-def computing(job: Job, batch: int) -> Callable[[Unit], EpisodeBlock]:
-    """Return a function that computes the episodes of a unit."""
-    return Simulator(job, batch).run
-
-
 def storing(job: Job, batch: int, parts: Parts) -> Callable[[Unit], int]:
     """Return a function that computes a unit, writes its part, and returns the number of its kept episodes."""
     simulator = Simulator(job, batch)
 
     def store(unit: Unit) -> int:
-        block = simulator.run(unit)
+        block = simulator(unit)
         write_part(parts.path(unit), block)
         return int(np.count_nonzero(block.kept))
 
