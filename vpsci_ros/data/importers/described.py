@@ -39,7 +39,16 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of
-from vpsci_ros.data.importers.tracks import LINE, WHOLE, Clip, Importer, read_csv, require_columns, require_source
+from vpsci_ros.data.importers.tracks import (
+    LINE,
+    WHOLE,
+    Clip,
+    Importer,
+    merged,
+    read_csv,
+    require_columns,
+    require_source,
+)
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import listed, read_yaml, reason, require_form, shown
@@ -98,7 +107,7 @@ def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
         scaled = [replace(layout, metres=scales[file]) for layout in layouts]
         for part, table, left_out in _clips(file, values, layouts):
             parts = [_readable(f"{name}{part}", file, _rows_of(table, values, each), each) for each in scaled]
-            clip = _without_heading_jumps(_merged(parts)).with_size(*size).without_faster(float(values["fastest"]))
+            clip = _without_heading_jumps(merged(parts)).with_size(*size).without_faster(float(values["fastest"]))
             yield replace(clip, left_out={**clip.left_out, **left_out}, source=str(values["source"]))
             seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
     layout = layouts[0]
@@ -161,20 +170,6 @@ def _scales(folder: Path, files: list[Path], metres: float | dict[str, float], p
     if unused := [pattern for pattern in metres if [pattern] not in matches.values()]:
         raise InvalidInput(f"{path}: metres: {unused[0]} names no file; there are {listed(names.values())}")
     return {file: float(metres[found[0]]) for file, found in matches.items()}
-
-
-def _merged(parts: list[Clip]) -> Clip:
-    """Return the clips of vehicles and of pedestrians that were read from the same rows as one."""
-    left_out: Counter[str] = Counter()
-    for part in parts:
-        left_out.update(part.left_out)
-    return Clip(
-        parts[0].name,
-        [track for part in parts for track in part.vehicles],
-        [track for part in parts for track in part.pedestrians],
-        left_out,
-        tuple(dict.fromkeys(text for part in parts for text in part.assumed)),
-    )
 
 
 def _rows_of(table: pl.DataFrame, values: dict[str, Any], layout: Layout) -> pl.DataFrame:
@@ -258,16 +253,12 @@ def _not_lost(table: pl.DataFrame, column: str, file: Path) -> pl.DataFrame:
 
 def _table(file: Path, values: dict[str, Any]) -> pl.DataFrame:
     header = values["header"]
-    table = _parquet(file) if file.suffix == ".parquet" else read_csv(file, values["delimiter"], header=header)
+    if file.suffix == ".parquet":
+        table = read_parquet(file, "a table of tracks")
+    else:
+        table = read_csv(file, values["delimiter"], header=header)
     first = 2 if header else 1
     return table.with_columns(pl.int_range(first, first + pl.len()).alias(LINE))
-
-
-def _parquet(file: Path) -> pl.DataFrame:
-    try:
-        return read_parquet(file, "a table of tracks")
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise InvalidInput(f"{file}: not readable as Parquet: {error}; take the file as published") from error
 
 
 def _readable(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
@@ -297,15 +288,13 @@ def _readable(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Cli
         no_pedestrian = classes & layout.pedestrians and not any(clip.pedestrians for clip in clips)
         if bad >= len(clips) or no_vehicle or no_pedestrian:
             raise
-        left_out = Counter({UNREADABLE: bad, "rows without an id": table.height - known.height})
-        for clip in clips:
-            left_out.update(clip.left_out)
-        return Clip(
-            name,
-            [replace(track, name=names[track.number]) for clip in clips for track in clip.vehicles],
-            [replace(track, name=names[track.number]) for clip in clips for track in clip.pedestrians],
-            left_out,
-            (*dict.fromkeys(text for clip in clips for text in clip.assumed), f"the first left out: {refused}"),
+        clip = merged(clips)
+        return replace(
+            clip,
+            vehicles=[replace(track, name=names[track.number]) for track in clip.vehicles],
+            pedestrians=[replace(track, name=names[track.number]) for track in clip.pedestrians],
+            left_out={UNREADABLE: bad, "rows without an id": table.height - known.height, **clip.left_out},
+            assumed=(*clip.assumed, f"the first left out: {refused}"),
         )
 
 

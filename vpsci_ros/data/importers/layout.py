@@ -26,6 +26,7 @@ from vpsci_ros.data.importers.tracks import (
     Floats,
     Track,
     longest_gap,
+    merged,
     require_columns,
     resample,
     slope,
@@ -88,15 +89,14 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     :raises InvalidInput: a column that is missing, a value that is no number, frames of a road user that come twice,
         or frame rate, units or headings that contradict the motion.
     """
-    vehicles: list[Track] = []
-    pedestrians: list[Track] = []
-    left_out: Counter[str] = Counter()
-    assumed: list[str] = []
+    return merged([_clip_of(name, path, table, layout) for path, (table, layout) in parts.items()])
 
-    def pieces(
-        rows: tuple[pl.DataFrame, Mapping[int, str]], layout: Layout, path: Path, whose: str, fastest: float
-    ) -> Iterator[Track]:
-        (tracks, names), rate = rows, _rate(layout)
+
+def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
+    require_columns(table, layout.columns.values(), path)
+    rate, left_out, assumed = _rate(layout), Counter(_other_classes(table, layout)), list[str]()
+
+    def pieces(tracks: pl.DataFrame, names: Mapping[int, str], whose: str, fastest: float) -> Iterator[Track]:
         gap = longest_gap(tracks, rate, path)
         tracks, jumps = _without_fast_rows(tracks, rate, fastest)
         left_out[f"speeds of {whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
@@ -109,30 +109,26 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
         found = resample(tracks, rate, "heading", gap, fastest)
         return (replace(track, name=names.get(track.number, "")) for track in found)
 
-    for path, (table, layout) in parts.items():
-        require_columns(table, layout.columns.values(), path)
-        left_out.update(_other_classes(table, layout))
-        walkers = _canonical(table, layout, layout.pedestrians, path)
-        if walkers[0].height:
-            walking = pieces(walkers, layout, path, "pedestrians", FASTEST_PEDESTRIAN)
-            pedestrians += [_pedestrian(track) for track in walking]
-        cars, names = _canonical(table, layout, layout.vehicles, path)
-        if cars.height:
-            if "heading" in cars.columns:
-                _check_heading(cars, layout, path)
-            forward, backwards = _forward(cars)
-            left_out[BACKWARDS] += backwards
-            driving = pieces((forward, names), layout, path, "vehicles", FASTEST_VEHICLE)
-            vehicles += [_vehicle(track) for track in driving]
-            assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
-            assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
-            without = len({track.number for track in vehicles if track.size is None})
-            if "length" in cars.columns and without:
-                assumed.append(f"sizes of {without} vehicles that have none are the format's")
-        if "vx" not in layout.columns:
-            whose = "velocities of pedestrians" if "speed" in layout.columns else "velocities"
-            assumed += [f"{whose} are slopes of positions over 0.4 s"]
-    return Clip(name, vehicles, pedestrians, left_out, tuple(dict.fromkeys(assumed)))
+    vehicles, pedestrians = list[Track](), list[Track]()
+    walkers, names = _canonical(table, layout, layout.pedestrians, path)
+    if walkers.height:
+        pedestrians = [_pedestrian(track) for track in pieces(walkers, names, "pedestrians", FASTEST_PEDESTRIAN)]
+    cars, names = _canonical(table, layout, layout.vehicles, path)
+    if cars.height:
+        if "heading" in cars.columns:
+            _check_heading(cars, layout, path)
+        forward, backwards = _forward(cars)
+        left_out[BACKWARDS] += backwards
+        vehicles = [_vehicle(track) for track in pieces(forward, names, "vehicles", FASTEST_VEHICLE)]
+        assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
+        assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
+        without = len({track.number for track in vehicles if track.size is None})
+        if "length" in cars.columns and without:
+            assumed.append(f"sizes of {without} vehicles that have none are the format's")
+    if "vx" not in layout.columns:
+        whose = "velocities of pedestrians" if "speed" in layout.columns else "velocities"
+        assumed.append(f"{whose} are slopes of positions over 0.4 s")
+    return Clip(name, vehicles, pedestrians, left_out, tuple(assumed))
 
 
 def _rate(layout: Layout) -> float:

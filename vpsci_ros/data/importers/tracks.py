@@ -6,7 +6,7 @@ The built-in importers are listed in `run`; other installed packages add theirs 
 import codecs
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -94,6 +94,20 @@ class Clip:
         slow = [track for track in self.pedestrians if median_speed(track) <= fastest]
         count = {f"pedestrians faster than {fastest:g} m/s": len(self.pedestrians) - len(slow)}
         return replace(self, pedestrians=slow, left_out=Counter(self.left_out) + Counter(count))
+
+
+def merged(parts: Sequence[Clip]) -> Clip:
+    """Return clips of one recording as one: the tracks of all, with summed counts of `left_out`."""
+    left_out: Counter[str] = Counter()
+    for part in parts:
+        left_out.update(part.left_out)
+    return replace(
+        parts[0],
+        vehicles=[track for part in parts for track in part.vehicles],
+        pedestrians=[track for part in parts for track in part.pedestrians],
+        left_out=left_out,
+        assumed=tuple(dict.fromkeys(text for part in parts for text in part.assumed)),
+    )
 
 
 @dataclass(frozen=True)
