@@ -132,8 +132,7 @@ class Dataset:
 
     def rows(self, name: str) -> pl.DataFrame:
         """Return all rows of a scenario's kept episodes, by the scenario's name."""
-        parts = [part for _, part in self._parts(name)]
-        return pl.concat(parts) if parts else pl.DataFrame(schema=_SCHEMA)
+        return pl.concat([pl.DataFrame(schema=_SCHEMA), *(part for _, part in self._parts(name))])
 
     def _file(self, name: str, *, rejected: bool) -> Path | None:
         """Return a scenario's file of kept or of rejected episodes, Parquet or else CSV; None: neither is there."""

@@ -45,7 +45,7 @@ ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
 FASTEST_PEDESTRIAN, FASTEST_VEHICLE = 12.0, 60.0  # [m/s] faster is a jump: another road user has the track's id
 DRIVEN = 0.5  # [m] that a vehicle without a heading drives before its heading changes
 _STANDING = 0.3  # [m/s] a vehicle that takes longer than that for `DRIVEN` has stood
-_BOX = ("x_min", "y_min", "x_max", "y_max")
+BOX = ("x_min", "y_min", "x_max", "y_max")
 _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
 
@@ -167,7 +167,7 @@ def _canonical(
     rows, line = table.filter(mine), line.filter(mine)
     names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
     if kinds == layout.pedestrians:
-        names = [name for name in names if name in ("x", "y", *_BOX, "vx", "vy")]
+        names = [name for name in names if name in ("x", "y", *BOX, "vx", "vy")]
     found, own = {"id": _ids(rows, line, layout.columns["id"], path)}, rows[layout.columns["id"]]
     texts = own.cast(pl.Float64, strict=False).null_count()
     named = dict(pl.DataFrame({"id": found["id"], "name": own.cast(pl.String)}).unique().rows()) if texts else {}
@@ -179,7 +179,7 @@ def _canonical(
     for name in names:
         found[name] = _numbers(rows, line, layout.columns[name], path) * (1.0 if name == "heading" else layout.metres)
     if "x_min" in found:
-        low_x, low_y, high_x, high_y = (found.pop(name) for name in _BOX)
+        low_x, low_y, high_x, high_y = (found.pop(name) for name in BOX)
         found |= {"x": 0.5 * (low_x + high_x), "y": 0.5 * (low_y + high_y)}
     if "heading" in found and layout.degrees:
         found["heading"] = found["heading"].radians()
