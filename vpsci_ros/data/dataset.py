@@ -41,7 +41,7 @@ ROW_GROUP = 1 << 17
 class EpisodeTable:
     """One scenario's episodes, written in row groups to a hidden part file: CSV if the path ends in .csv, else Parquet.
 
-    :param row_group: rows after which a row group is written; it ends with an episode.
+    :param row_group: rows at which a row group is written, with all rows of its last episode.
     :param metadata: stored in the schema of a Parquet file.
     """
 
@@ -101,12 +101,12 @@ class DatasetWriter:
     """Writes episodes; a context manager that removes all its files when its block fails or does not `close`.
 
     :param folder: made if need be; must be empty.
-    :param names: scenario number -> file stem (Table 6); files are made for those of which an episode comes.
+    :param names: scenario number -> file stem (Table 6); `begin` makes the files of a scenario.
     :param provenance: stored in dataset.json and in every Parquet file: configuration, seed, hash of the weights, and
         `period`, the time from one frame to the next [s].
     :param formats: of `FORMATS`; a file of each scenario in each of them.
     :param keep_rejected: write rejected episodes too, to the folder `rejected` with the same file names.
-    :param row_group: rows after which a row group is written.
+    :param row_group: see `EpisodeTable`.
     :param resumed: the folder need not be empty; what an earlier attempt has left there is replaced.
     :raises InvalidInput: the folder is not empty, or an unknown format.
     """
@@ -145,7 +145,7 @@ class DatasetWriter:
             self.discard()
 
     def begin(self, number: int) -> None:
-        """Begin the files of a scenario; from then on scenarios may be written in threads.
+        """Open the files of a scenario, once; begun scenarios may be written in parallel, each by one thread.
 
         :raises InvalidInput: the scenario has no name here.
         """
@@ -186,7 +186,7 @@ class DatasetWriter:
         """Complete the files, write the index and dataset.json, and return the content of dataset.json.
 
         :param unfinished: episodes that were started and not seen to their end; they are only counted.
-        :param beside: further files of the dataset, by their names.
+        :param beside: content of further files of the dataset, by name.
         :param datasheet: makes the folder's README.md of the description.
         """
         self._others = [INDEX, *(beside or {}), DATASHEET, DESCRIPTION]

@@ -71,7 +71,7 @@ def counts_of(records: NDArray[np.void]) -> dict[str, Any]:
 
 
 def _beyond(records: NDArray[np.void]) -> dict[str, int] | None:
-    """Return how many episodes begin beyond the range of the recorded people, and of how many; None: of none."""
+    """Return the numbers of episodes beyond the recorded range and of those with a known `range`; None without any."""
     known = int((records["range"] > 0).sum())
     return {"episodes": int((records["range"] == RANGES.index("beyond")).sum()), "of": known} if known else None
 
@@ -105,7 +105,7 @@ def _by_reason(records: NDArray[np.void]) -> dict[str, int]:
 
 
 def _by_outcome(records: NDArray[np.void]) -> dict[str, int]:
-    """Return how often each outcome came; that of parked vehicles, which most worlds lack, only where it did."""
+    """Return the number of episodes with each outcome; `parked_collision` only if there is such an episode."""
     counts = np.bincount(records["outcome"], minlength=len(OUTCOME_NAMES)).tolist()
     return {
         name: counts[code]
@@ -139,5 +139,5 @@ def description_of(
 
 
 def file_entry(path: Path, rows: int) -> dict[str, Any]:
-    """Return the entry of a file in dataset.json."""
+    """Return the entry of a file in dataset.json: its rows, bytes and SHA-256."""
     return {"rows": rows, "bytes": path.stat().st_size, "sha256": sha256(path)}

@@ -1,10 +1,10 @@
 """The tables of a dataset: their columns, and the rows of an episode in each.
 
 CurvTTC is infinite where no contact is predicted within the horizon ("inf" in CSV, which pandas, polars, numpy and R
-read as infinity); the authors publish no word on it. NaN are values that nobody saw. `count` is the number of the
-episode within its scenario, with which it can be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1, so
-that no two agents of a file share one. The pedestrian with number n in its episode has 2^33 n more, and its rows come
-after those of the one before.
+read as infinity); the authors do not say how their files write this. Values that were not observed are NaN. `count` is
+the number of the episode within its scenario, with which the episode can be simulated again; `veh_id` and `ped_id` are
+2 count and 2 count + 1, so that no two agents of a file share an id. `ped_id` of pedestrian n of an episode, from 0, is
+2^33 n larger, and the rows of pedestrian n + 1 follow the rows of pedestrian n.
 """
 
 import itertools
@@ -93,7 +93,7 @@ def index_table(records: NDArray[np.void]) -> pl.DataFrame:
 
 
 def pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[int, int, int]]:
-    """Yield of each episode its first row, the row after its last one, and its number of pedestrians.
+    """Yield each episode's first row, the row after its last row, and its number of pedestrians.
 
     :param rows: of whole episodes, of one scenario or with a column "scenario".
     :param path: the opening of the error message.

@@ -1,7 +1,7 @@
 """An episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets.
 
-Near-miss tables, datasets, bags and simulations are read into this one value, and whatever looks at episodes one by one
-takes it; `view.episode_sources.read_episodes` reads any of them. Frames that nobody saw are NaN; `filled` closes them.
+Near-miss tables, datasets, bags and simulations are read as `Episode`, the type for work on single episodes;
+`view.episode_sources.read_episodes` reads any of them. Values that were not observed are NaN; `filled` replaces these.
 """
 
 import itertools
@@ -72,7 +72,7 @@ class Episode:
     :ivar distance: float64[n, T] [m] between the centres.
     :ivar controlled: bool[n, T], the policies control the vehicle and this pedestrian.
     :ivar length, width, radius: footprints [m].
-    :ivar marks: what its source says of it besides, such as "standing".
+    :ivar marks: labels that its source gives it, such as "standing".
     """
 
     source: str
@@ -200,7 +200,7 @@ def batches(episodes: Iterable[Episode], size: int = BATCH) -> Iterator[list[Epi
 def yields(episodes: Iterable[Episode]) -> NDArray[np.uint8]:
     """Return who gave way in each episode, vehicle and most critical pedestrian, uint8[N], codes of `Yielded`.
 
-    :param episodes: with vehicles of one size, at one period; frames that nobody saw count as the last one seen.
+    :param episodes: with vehicles of one size, at one period; an unobserved frame counts as the last observed one.
     """
     return np.concatenate([np.zeros(0, np.uint8), *(_yields(batch) for batch in batches(episodes))])
 
@@ -231,7 +231,7 @@ def padded(rows: Sequence[NDArray[np.float64]], fill: float = 0.0) -> Floats:
 
 
 def filled(values: Floats) -> Floats:
-    """Return values[..., T] with each NaN replaced by the value before it, or else after it; 0 if all are NaN."""
+    """Return values[..., T], each NaN replaced by the last number before or else the first after; 0 if all are NaN."""
     known = ~np.isnan(values)
     if known.all():
         return values

@@ -1,7 +1,7 @@
 """Episodes that run side by side, collected frame by frame, and blocks of those that have ended.
 
-The collector does not care where a tick comes from: a `World` in this process, messages of a running graph, or a bag.
-Its memory is one buffer of `batch` episodes, whatever the length of the run.
+The ticks come from a `World` in this process, from messages of a running graph, or from a bag. The collector's memory
+is one buffer for the running episodes and for the ended episodes that were not taken yet.
 """
 
 import math
@@ -53,7 +53,7 @@ JUDGED = np.dtype(
         ("range", np.uint8),  # index into `RANGES`
     ]
 )
-"""What is known of an episode that ended; `apply_filters` adds what the filters say."""
+"""The record of an ended episode; `apply_filters` sets `failed`, `reason`, `least_curvttc` and both paths."""
 RANGES = ("", "within", "beyond")  # "": no recorded people act, or they are not known, or it is never critical
 
 _SLOT = np.dtype([("episode", "i8"), ("place", "i8"), ("scenario", "u1"), ("open", "?")], align=True)
@@ -172,7 +172,7 @@ class EpisodeFrames:
         return EpisodeBlock(records, self._values[places, : there.shape[1]][there])
 
     def _make_room(self, places: int, frames: int) -> None:
-        """Have room for so many places and frames in each."""
+        """Grow the buffer to at least so many places, and so many frames in each place."""
         before, room, width = self._values.shape
         if places <= before and frames <= room:
             return
@@ -189,7 +189,7 @@ class EpisodeFrames:
 
 @kernel
 def _store(state, curvttc, distance, slots, places, values, free, ended, counts):  # type: ignore[no-untyped-def]
-    """Put one tick where its episodes have their places, which they get as they begin; note those that end."""
+    """Copy one tick to the places of its episodes; give a place to each new episode, and list the ended ones."""
     for i in range(state.size):
         record, slot = state[i], slots[i]
         if record.status == IDLE:

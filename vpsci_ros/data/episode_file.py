@@ -1,7 +1,7 @@
 """Simulated episodes as one Parquet file, with the columns of a dataset in float64 and further columns.
 
-A row is a frame of one pedestrian, as in a dataset. Facts about a whole episode are in the schema, and so are
-the scenarios of one's own. An episode is read back to the bit.
+A row is a frame of one pedestrian, as in a dataset. Metadata of each episode and your own scenarios are in the schema.
+An episode is read back bit-identically.
 """
 
 from collections.abc import Sequence

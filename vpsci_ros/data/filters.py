@@ -1,8 +1,8 @@
 """The filters of a dataset: the four conditions of section 3.3 of the paper.
 
-Every condition is checked for every episode, on the numbers as they are stored, and every rejection has a reason that
-is counted. The third condition also drops each collision before the 100th frame, since a collision ends its episode;
-how many is in the counts. An episode with several pedestrians is classified by one of them: it is kept if a pair is.
+Every condition is checked for every episode, on the numbers as they are stored, and rejections are counted by reason.
+The third condition also drops each collision before the 100th frame, since a collision ends its episode; these
+collisions are counted, too. An episode with several pedestrians is kept if a pair of it passes all conditions.
 """
 
 import math
@@ -45,8 +45,8 @@ class FilterConfig:
 def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
     """Return the block with each episode's reason, failed conditions, lengths and least CurvTTC; all rows stay.
 
-    Every episode of the block must have its rows. Of the pairs of an episode that one decides which is kept, or, where
-    none or several are, has the least CurvTTC.
+    Every episode of the block must have its rows. Reason, failed conditions and lengths are those of one pair: of the
+    pairs that pass all conditions, or of all pairs if none does, the pair with the least CurvTTC.
     """
     records, several = block.records.copy(), block.records["pedestrians"]
     frames, first = np.repeat(records["frames"], several), np.cumsum(several) - several

@@ -2,8 +2,8 @@
 
 An interaction is one vehicle and one pedestrian of one clip, for as long as both are seen. Its rows lie together,
 `step` counts them without a gap, and `clip` is the unit by which data are held out: two interactions of one clip share
-agents and traffic, so rows or interactions alone must never be what is split. Anyone's own recordings enter the package
-by this table.
+agents and traffic, so data are split by clips, never by rows or interactions. Your own recordings enter the package by
+this table.
 """
 
 import hashlib
@@ -72,8 +72,8 @@ def read_near_misses(name: str | Path) -> pl.DataFrame:
     :param name: a path, or "right_turns" for the one shipped with the package; NAME/PART: only clips whose names begin
         with "PART/", such as "right_turns/train", or that one clip.
 
-    Tables from before November 2026, and people's own, may lack the columns `WORKED_OUT`; a warning says so. The
-    columns `DERIVED` say nothing that the other columns and the metadata do not say.
+    Tables from before November 2026, and tables of other programs, may lack the columns `WORKED_OUT`; a warning says
+    so. They may also lack the columns `DERIVED`, which follow from the other columns and the metadata.
 
     :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
     :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy;
@@ -290,7 +290,8 @@ def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> t
     others there are; one that would overshoot the fraction of interactions is passed over. A source of a single
     clip stays in training.
 
-    :param held_out_fraction: of the interactions, above 0 and below 1; what is held out comes near it from below.
+    :param held_out_fraction: of the interactions, above 0 and below 1; the held-out share of a source is at most this,
+        unless no clip is so small: then the smallest clip is held out.
     :raises InvalidInput: a fraction out of range, or no source with two clips.
     """
     if not 0.0 < held_out_fraction < 1.0:
@@ -338,7 +339,7 @@ def split_by_name(
 
 
 def _folders(names: Sequence[str], most: int = 8) -> str:
-    """Return how clips are called: each by its name where they are few, otherwise the folders that their names have."""
+    """Return the names of at most `most` clips; of more clips the folders in their names, with numbers of clips."""
     if len(names) <= most:
         return listed(names)
     parts = [name.split("/")[:-1] for name in names]

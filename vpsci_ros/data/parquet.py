@@ -17,8 +17,8 @@ from vpsci_ros.runs.files import atomic_write
 METADATA_KEY = b"vpsci_ros"
 
 
-MOST_VALUES = 2**27  # of what is read at once: 1 GiB in memory; compressed, ten times as many fit into 20 MB
-MOST_TEXT = 2**30  # [bytes] of its texts; one that a file holds once may stand in every row
+MOST_VALUES = 2**27  # that are read at once: 1 GiB in memory; compressed, ten times as many fit into 20 MB
+MOST_TEXT = 2**30  # [bytes] of texts read at once; a text that a file stores once may be the value of every row
 
 
 class Column(NamedTuple):
@@ -122,7 +122,7 @@ def _is_coded(kind: pa.DataType) -> bool:
 
 
 def _length(column: pa.ChunkedArray) -> float:
-    """Return how many bytes the texts of a column take where each stands in its row."""
+    """Return the bytes of a column's texts when every row has a copy of its text."""
     total = 0.0
     for chunk in column.chunks:
         counts = pc.value_counts(chunk.indices.drop_null())

@@ -1,9 +1,9 @@
 """Columns that follow from the other columns of a near-miss table, and the rows around critical steps.
 
-A near-miss table keeps the whole joint track of a pair. Four flags say what an interaction cannot be an example of: a
-car that stands does not drive into anybody; a track that begins critical has no onset and no approach; a contact
-between two people who both went home is an error of size or place; two agents whose paths stay apart never met, since
-the circle on which the car drove for a moment led to somebody on another arm. `around_critical` cuts the rows that
+A near-miss table has the whole joint track of a pair. Four flags mark interactions that are bad examples: a `standing`
+car does not drive into a pedestrian; a track that `begins_critical` has no onset and no approach; a `contact` in a
+recording without accidents is an error of size or position; two agents whose paths stay `apart` never met, but the
+circle that CurvTTC predicted for the car led to a pedestrian on another arm. `around_critical` cuts the rows that
 learning takes.
 """
 
@@ -130,7 +130,7 @@ def _groups(table: pl.DataFrame) -> pl.Series:
     """Return the number of each row's group, from 0 in the order of rows.
 
     Interactions of one vehicle of one clip that have a step in common, or are linked by others that have, are a group:
-    one vehicle met several pedestrians at once, so that they say less than as many vehicles would.
+    one vehicle met several pedestrians at once, so these interactions are less evidence than those of as many vehicles.
     """
     vehicle, time = ["source", "clip", "veh_id"], pl.col("time")
     spans = table.group_by("interaction", *vehicle, maintain_order=True).agg(begin=time.min(), end=time.max())
@@ -151,9 +151,9 @@ def around_critical(table: pl.DataFrame) -> pl.DataFrame:
     """Return each interaction's rows from `BEFORE` steps before its first critical step to `AFTER` after its last one.
 
     Ten before, because closed loops start at the first critical step after up to ten observed ones, and the policies'
-    attention spans ten; ten after, for how people go on when it is over. Steps between two critical spells stay: they
-    are part of one encounter. More would fill the buffer with people who walk undisturbed, and did not help: stage 1
-    with all 546 pairs below 10 s and 30 steps after came to the same held-out errors (two folds).
+    attention spans ten; ten after, for the motion after the danger. Steps between two critical spells stay, as part of
+    one interaction. More steps would fill the buffer with undisturbed motion, and did not help: stage 1 with all 546
+    pairs below 10 s of CurvTTC and 30 steps after had the same held-out errors (two folds).
     """
     step = pl.int_range(pl.len()).over("interaction")
     critical = pl.when(pl.col("curvttc") < CRITICAL_TTC).then(step)

@@ -1,4 +1,4 @@
-"""The job of a dataset: exactly the values that its bytes depend on."""
+"""The job of a dataset: the values that its episodes depend on."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ RECORDED = {
     "pedestrian_policy": (PolicyConfig,),
     "dataset": (DatasetConfig, FilterConfig),
 }
-"""Section of the configuration that a dataset records -> what it may hold."""
+"""Section of the configuration that a dataset records -> the classes of its parameters."""
 
 
 class Unit(NamedTuple):
@@ -114,7 +114,7 @@ def job_from(
 
     :param weights: by agent, a weights file in place of the one in the sections.
     :param own: your own scenarios, in place of the files in the sections.
-    :raises InvalidInput: a parameter, a scenario or a weights file is refused, or a driver needs somebody outside.
+    :raises InvalidInput: a parameter, a scenario or a weights file is refused, or a driver waits for outside answers.
     """
     run = sections.get(RunConfig, "world_simulator")
     world = sections.get(WorldConfig, "world_simulator")

@@ -1,8 +1,8 @@
 """The next unit to compute, and whether a scenario is complete.
 
 A scenario's dataset is its episodes in the order of their numbers up to the last wanted kept one, so it does not depend
-on the workers. Units are handed out in order. Episodes beyond the last one are discarded; the plan keeps them few by
-the acceptance so far.
+on the workers. Units of a scenario are handed out in order. Episodes beyond the last wanted one are discarded; the plan
+keeps them few by the acceptance so far.
 """
 
 import itertools

@@ -21,7 +21,7 @@ from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
 Floats = NDArray[np.float64]
-TOGETHER = 64  # episodes, ended, that the filters see at once
+TOGETHER = 64  # ended episodes that wait until they are filtered together
 
 
 class Simulator:

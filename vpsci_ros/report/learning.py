@@ -110,7 +110,7 @@ def _column(log: pl.DataFrame, name: str) -> Floats:
 
 
 def _rolling(values: Floats, window: int = 0) -> Floats:
-    """Return the mean of the latest values, as many as there are at first."""
+    """Return the mean of the last `window` values at each row, float64[rows]; of fewer values in the first rows."""
     window = window or max(1, len(values) // _WINDOWS)
     means: Floats = pl.Series(values, dtype=pl.Float64).rolling_mean(window, min_samples=1).to_numpy()
     return means

@@ -28,7 +28,8 @@ def check_recordings(
 ) -> list[str]:
     """Draw near misses of all folders as one PNG: both agents' paths, and the vehicle's outline at the onset.
 
-    They are spread evenly over the near misses of the folder. Of a folder without one the first pairs are drawn.
+    The drawn near misses are spread evenly over those of a folder. Of a folder without near misses the first pairs are
+    drawn.
 
     :param formats: one for each folder, or one for all; fastest: see `import_folders`.
     :returns: lines about each folder: tracks, extent [m], speeds [m/s], sizes [m], near misses, what is left out.
@@ -55,7 +56,7 @@ def check_recordings(
 
 
 def _draw_near_misses(axes: Sequence[Axes], table: pl.DataFrame) -> int:
-    """Draw interactions that are spread evenly over a table; return how many."""
+    """Draw interactions at even distances in a near-miss table; return how many."""
     numbers = table["interaction"].unique(maintain_order=True).to_list()
     places = np.linspace(0.0, len(numbers) - 1, min(len(axes), len(numbers)))
     for axis, number in zip(axes, (numbers[round(place)] for place in places), strict=False):

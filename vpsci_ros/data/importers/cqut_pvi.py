@@ -142,7 +142,7 @@ def _event(file: str, number: int, values: Floats) -> _Event:
 
 
 def _same(one: _Event, other: _Event) -> bool:
-    """Return whether two events are one that was filed twice."""
+    """Return whether two events are the same event, stored twice."""
     return all(_shared(one.place[who], other.place[who]) >= _SAME for who in RESIDUAL)
 
 
@@ -171,7 +171,7 @@ def _clip(name: str, events: list[_Event], numbers: list[int], twice: int) -> Cl
 def _tracks(event: _Event) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the columns of vehicle and pedestrian at 0.1 s.
 
-    :raises _LeftOut: see there.
+    :raises _LeftOut: the event is left out.
     """
     missing = np.stack([~np.isfinite(place).all(axis=1) for place in event.place.values()])
     both = np.flatnonzero(~missing.any(axis=0))

@@ -106,7 +106,7 @@ def _scales(folder: Path, files: list[Path], metres: float | Mapping[str, float]
 
 
 def _rows_of(table: pl.DataFrame, keys: LayoutFile, layout: Layout) -> pl.DataFrame:
-    """Return the rows in which the vehicle, or the pedestrian, of a table with both in a row is there, each once."""
+    """Return the layout's rows of a table with both agents in a row: those in which its agent is there, each once."""
     columns = keys.vehicle if layout.vehicles else keys.pedestrian
     own = [str(column) for column in columns.values()]
     if not own or not set(layout.columns.values()) <= set(table.columns):
@@ -116,7 +116,7 @@ def _rows_of(table: pl.DataFrame, keys: LayoutFile, layout: Layout) -> pl.DataFr
 
 
 def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path) -> pl.DataFrame:
-    """Return a table whose longitudes and latitudes have become metres of a projection, where there is one.
+    """Return a table with longitudes and latitudes projected to metres; without a `projection` the table itself.
 
     :raises InvalidInput: no such projection, or not one in metres; or the package pyproj is missing.
     """
@@ -140,7 +140,7 @@ def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path)
 
 
 def _clips(file: Path, keys: LayoutFile, layouts: list[Layout]) -> Iterator[tuple[str, pl.DataFrame, dict[str, int]]]:
-    """Yield what follows the file's name in a clip's, the clip's table, and how many rows of no use precede it.
+    """Yield the clips of a file: end of the name, table, and counts of left-out rows; the first clip has all counts.
 
     :raises InvalidInput: the file does not have the column `clip`, or no row has a value there; or see `_not_lost`.
     """

@@ -54,17 +54,18 @@ class Layout:
     """The columns of a table of tracks, and their units.
 
     :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y` (or `x_min`, `y_min`, `x_max`, `y_max` of a box), and
-        where there are `vx`, `vy`, `speed` (of vehicles, along their heading), `heading`, `length`, `width`: the name
-        of the column.
+        optionally `vx`, `vy`, `speed` (of vehicles, along their heading), `heading`, `length`, `width`: the name of the
+        column.
     :ivar vehicles, pedestrians: values of `class` that count as such, in small letters; others are left out. Without a
-        column `class` every track is of the one kind for which this says anything.
+        column `class` one of both is empty, and every track is of the other kind.
     :ivar frame_rate: frames a second, where there is `frame`.
     :ivar time_unit: seconds in one unit of `time`.
     :ivar metres: metres in one unit of positions, speeds (a second) and sizes.
     :ivar degrees: headings are in degrees.
-    :ivar compass: headings are measured clockwise from north, which is up in pictures, too.
-    :ivar y_down: y points down or right of x, so it changes its sign, as headings that are measured from x do.
-    :ivar speeds_agree: with positions, so that a wrong frame rate or unit shows; those of online tracking may not.
+    :ivar compass: headings are measured clockwise from north, which is up even with `y_down`.
+    :ivar y_down: y points down, or to the right of x: y changes its sign, and so do headings unless `compass`.
+    :ivar speeds_agree: refuse a table whose speeds disagree with its positions, as by a wrong frame rate or unit; false
+        for online tracking, whose speeds may disagree.
     """
 
     columns: Mapping[str, str]
@@ -149,7 +150,7 @@ def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
 
 
 def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
-    """Return of classes that are neither vehicles nor pedestrians how many road users they have."""
+    """Return the number of road users of each class that is neither a vehicle nor a pedestrian."""
     known = layout.vehicles | layout.pedestrians
     counts = classes_in(table, layout)
     return {f"road users of class {name}": count for name, count in counts.items() if name not in known}
@@ -158,9 +159,10 @@ def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
 def _canonical(
     table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path
 ) -> tuple[pl.DataFrame, dict[int, str]]:
-    """Return the rows of some classes as id, frame, x, y [m], and of vx, vy, heading, length, width what there is.
+    """Return the rows of the classes `kinds` in metres and radians, and the names of ids that are no numbers.
 
-    Beside them the ids that are no numbers, by the numbers that they have in these rows.
+    The rows have id, frame, x, y, and those of vx, vy, speed, heading, length, width that the layout has. The names are
+    given by the numbers in the column id.
     """
     line = table[LINE] if LINE in table.columns else pl.Series("line", np.arange(2, table.height + 2))
     mine = _classes(table, layout).is_in(list(kinds))
@@ -287,7 +289,7 @@ def _check_heading(cars: pl.DataFrame, layout: Layout, path: Path) -> None:
 
 
 def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
-    """Return the rows in which a car does not drive backwards, and how many the others are."""
+    """Return the rows in which a car does not drive backwards, and the number of the other rows."""
     if "speed" in cars.columns:
         along = pl.col("speed")
     elif {"vx", "heading"} <= set(cars.columns):
@@ -299,9 +301,9 @@ def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
 
 
 def _without_fast_rows(tracks: pl.DataFrame, rate: float, fastest: float) -> tuple[pl.DataFrame, int]:
-    """Return the rows without those of a higher speed than `fastest` [m/s], and how many these and the jumps are.
+    """Return the rows whose speed is at most `fastest` [m/s], and the number of the other rows and of jumps.
 
-    A jump is a step between two rows of a road user that takes a higher speed.
+    A jump is a step between two rows of a road user that would take a higher speed than `fastest`.
     """
     if "vx" in tracks.columns:
         tracks, whole = tracks.filter((pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt() <= fastest), tracks.height

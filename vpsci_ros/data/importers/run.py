@@ -86,10 +86,10 @@ def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list
 def with_unique_clip_names(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
     """Return imports of folders with unique clip names.
 
-    Where two folders of one format have a clip of one name, all clips of this format have their folder before their
-    names: its path below the folder that all of these are in.
+    Where two folders of one source have a clip of one name, the name of every clip of this source gets its folder in
+    front: the folder's path below the nearest folder that contains them all.
 
-    :raises InvalidInput: two folders are the same one, or hold the same recording.
+    :raises InvalidInput: a folder is given twice, or two folders hold the same recording.
     """
     out = list(results)
     for source in dict.fromkeys(result.summaries[0].source for result in results):

@@ -21,12 +21,12 @@ class SourceSummary:
     """The counts of an import from one source.
 
     :ivar pairs: vehicles and pedestrians that are there at the same time.
-    :ivar near_misses: those of them whose CurvTTC falls below 5 s and that have `LEAST_STEPS` rows.
-    :ivar steps: rows of the table; `critical_steps` of them below 5 s.
+    :ivar near_misses: pairs whose CurvTTC falls below 5 s, of at least `LEAST_STEPS` rows.
+    :ivar steps: rows of the table; `critical_steps` of them have a CurvTTC below 5 s.
     :ivar quartiles: of the least CurvTTC of each near miss [s], NaN where there is none.
     :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
-    :ivar left_out: what of the recordings is not in `pairs`: what it is -> how often.
-    :ivar assumed: what the recordings do not hold.
+    :ivar left_out: what was left out of the recordings -> how often.
+    :ivar assumed: a text for each fact that the recordings do not hold.
     :ivar vehicles, pedestrians: unbroken tracks; `fast` of the pedestrians have a median speed above 2.5 m/s.
     """
 

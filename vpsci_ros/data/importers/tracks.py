@@ -63,11 +63,10 @@ class Clip:
     """One recording: tracks on the 0.1 s grid under the near-miss table's names, without their `veh_` and `ped_`.
 
     Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]), right-handed, in metres, m/s and radians
-    counter-clockwise from x. The heading of a vehicle is NaN where nothing says it. `left_out` counts what is not among
-    them by what it is, say frames of vehicles that drive backwards, which is not a near miss that CurvTTC describes.
-    `assumed` says in a few words what the recording does not hold. `source` is the name that the recordings give their
-    source, and `size` length and width [m] of vehicles whose tracks do not say: one for all clips of a folder; "" and
-    None: the format's.
+    counter-clockwise from x. The heading of a vehicle is NaN where it is unknown. `left_out` counts what was left out,
+    by a text that says what it is, such as `BACKWARDS`. `assumed` has a text for each fact that the recording does not
+    hold. `source` is the name that the recordings give their source, and `size` length and width [m] of vehicles whose
+    tracks have no size; all clips of a folder have the same. "" and None: those of the format.
     """
 
     name: str
@@ -140,10 +139,10 @@ def median_speed(pedestrian: Track) -> float:
 
 
 def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.DataFrame:
-    """Return a CSV file with every value as text; byte order marks and spaces around values are removed.
+    """Return a CSV file with every value as text, without byte order mark, spaces around values and ".0" at their end.
 
-    UTF-16 is known by its mark; a header without `delimiter` may have ";" or tabs, with which decimal commas are
-    allowed; spaces around names and values go, and so does the ".0" that a table program adds to whole numbers.
+    UTF-16 is known by its mark. A first line without `delimiter` may have ";" or tabs, with which decimal commas are
+    allowed. Table programs add the ".0" to whole numbers.
 
     :param header: the first line has the names of columns; without it they are called 1, 2, and so on.
     :raises InvalidInput: it cannot be read, has no row, or two columns have one name.
@@ -258,8 +257,8 @@ def slope(values: Floats, half_window: int = 2) -> Floats:
     """Rate of change [1/s] of values on the grid, by the least-squares line through 2 * `half_window` + 1 values.
 
     A line over 0.4 s keeps the yaw rate of a turn and leaves out the jitter of single frames, which would bend the
-    predicted path to one side and the other and report near misses one step long. The ends take the nearest full
-    window's slope, tracks shorter than a window the one of their whole length.
+    predicted path to one side and the other and report near misses one step long. The ends have the slope of the
+    nearest full window. By default a track of 3 or 4 values has a window of 3, a track of 2 values a window of 2.
     """
     n = len(values)
     if n < 2:
