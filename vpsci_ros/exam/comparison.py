@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
+from vpsci_ros.exam.measures import EPISODES, read_episode_table
 from vpsci_ros.exam.report import ADS, FAILED_BEFORE, as_dict, differences, rows_of
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.view.episode_sources import EXAM
@@ -46,8 +45,7 @@ def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earl
     require_form(stored, {"ads": str, "parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     advice = "give this exam the same --params and --set"
     require_same(f"--baseline {folder}", _conditions(stored), _conditions(identity), "is an exam", advice)
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
-    rows = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
+    rows = rows_of(read_episode_table(folder), ADS).filter(pl.col("pedestrian").is_in(exam.config.opponents))
     driven, wanted = (sorted(set(keys)) for keys in (rows.select(_KEY).rows(), exam.episodes))
     if not set(driven) & set(wanted):
         had, has = (listed(f"{scenario}:{episode}" for scenario, episode in keys) for keys in (driven, wanted))

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import YIELDED, Episode, yields
-from vpsci_ros.data.parquet import Column
+from vpsci_ros.data.parquet import Column, read_parquet
 from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
 from vpsci_ros.exam.result import FirstCritical, RunResult
 from vpsci_ros.policy.onset_range import range_of_episode
@@ -53,7 +54,15 @@ COLUMNS: dict[str, Column] = {
         "learned pedestrian: 'beyond' the range of its recorded onsets when it becomes critical, or 'within'; else ''",
     ),
 }
-OLDER = {"range": ""}  # what exams from before 26 November 2026 lack
+_OLDER = {"range": ""}  # what exams from before 26 November 2026 lack
+
+
+def read_episode_table(folder: Path) -> pl.DataFrame:
+    """Return the table of episodes of a finished exam in `folder`, a row an episode, with `COLUMNS`.
+
+    :raises InvalidInput: there is no such table, or it cannot be read.
+    """
+    return read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, _OLDER)
 
 
 def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:

@@ -10,11 +10,10 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.episode_file import FRAMES, read_episode_file
-from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ALONE, title_of
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
+from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.result import run_folder
 from vpsci_ros.exam.scores import MEASURES
@@ -37,7 +36,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 
     :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
     """
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
+    table = read_episode_table(folder)
     drivers = (ADS, BASELINE) if (folder / BASELINE).is_dir() else (ADS,)
     names = table["pedestrian"].unique().to_list()
     episodes = {driver: {name: stored_episodes(folder, driver, name) for name in names} for driver in drivers}
@@ -52,11 +51,13 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 def stored_episodes(folder: Path, driver: str, pedestrian: str) -> Iterator[Episode]:
     """Yield the stored episodes of a driver, the ADS or the autopilot, with one pedestrian, part by part.
 
-    :raises InvalidInput: a file cannot be read.
+    :raises InvalidInput: the file of the first part is missing, or a file cannot be read.
     """
-    parts = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count())
-    driven = itertools.takewhile(Path.is_file, parts)
-    for path in driven if driver == ADS else [autopilot_file(folder, pedestrian)]:
+    if driver == BASELINE:
+        yield from read_episode_file(autopilot_file(folder, pedestrian))
+        return
+    further = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count(1))
+    for path in (run_folder(folder, pedestrian, 0) / FRAMES, *itertools.takewhile(Path.is_file, further)):
         yield from read_episode_file(path)
 
 

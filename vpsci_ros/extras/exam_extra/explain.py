@@ -9,16 +9,14 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import merged_results, read_or_make_result
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
-from vpsci_ros.exam.measures import COLUMNS, EPISODES, OLDER
-from vpsci_ros.exam.report import ADS, definitions
-from vpsci_ros.exam.result import RunResult
-from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group
+from vpsci_ros.exam.measures import read_episode_table
+from vpsci_ros.exam.report import ADS, definitions, rows_of
+from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group, stored_episodes
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
 from vpsci_ros.report import html
@@ -41,7 +39,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     :raises InvalidInput: no exam that is over, or its driving system is another one now.
     :raises VpsciError: a node has failed.
     """
-    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, OLDER)
+    table = read_episode_table(folder)
     stored = read_json(folder / EXAM)
     require_form(stored, {"parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     if stored.get("seat"):
@@ -50,25 +48,23 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": failure}))
     require_own(exam.simulator.engine, "failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))
-    parts, own = exam.parts(), folder / FOLDER
-    runs = {
-        name: merged_results([read_or_make_result(part, folder, name) for part in parts], len(exam.episodes))
-        for name in exam.config.opponents
-    }
+    own = folder / FOLDER
+    driven = set(rows_of(table, ADS)["pedestrian"])
+    names = [name for name in exam.config.opponents if name in driven]
+    episodes = {name: list(stored_episodes(folder, ADS, name)) for name in names}
     own.mkdir(exist_ok=True)
-    why, searches = explain(exam, own, runs, table, failures, workers=workers, limit=limit, quiet=quiet)
-    why["groups"] = groups_of(exam, runs, table)
+    why, searches = explain(exam, own, episodes, table, failures, workers=workers, limit=limit, quiet=quiet)
+    why["groups"] = groups_of(exam, episodes, table)
     write_text(own / "report.json", json.dumps(why, indent=2, allow_nan=False) + "\n")
-    episodes = {ADS: {name: run.episodes for name, run in runs.items()}}
-    sources = exam_sources(table, episodes, LIMIT, why["failure"])
-    mine = {name: [each for each in searches if each.pedestrian == name] for name in runs}
+    sources = exam_sources(table, {ADS: episodes}, LIMIT, why["failure"])
+    mine = {name: [each for each in searches if each.pedestrian == name] for name in names}
     sources += [source for name, found in mine.items() if (source := again_source(name, found))]
     write_view(own / "view.html", sources, f"Failures of {stored['ads']}")
     values: dict[str, Any] = {
         "why": why,
         "ads": stored["ads"],
         "failure": definitions(exam.config)[f"{why['failure']}_rate"]["title"],
-        "titles": {name: title_of(name) for name in runs},
+        "titles": {name: title_of(name) for name in names},
         "view": "view.html",
         "why_reasons": why_reasons,
         "source": folder.name,
@@ -77,16 +73,18 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     return own / "report.html"
 
 
-def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) -> list[dict[str, Any]]:
+def groups_of(exam: Exam, episodes: Mapping[str, Sequence[Episode]], table: pl.DataFrame) -> list[dict[str, Any]]:
     """Return groups of similar failures, the largest group first, each with its smallest failed episode.
 
     That is the one with the fewest pedestrians, and of these the shortest.
+
+    :param episodes: pedestrian -> the system's episodes with it.
     """
     failed = pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(exam.config.failure)
-    episodes = {(name, each.key): each for name, run in runs.items() for each in run.episodes}
+    by_key = {(name, each.key): each for name, driven in episodes.items() for each in driven}
     groups: dict[tuple[str, FailureGroup], list[dict[str, Any]]] = {}
     for row in table.filter((pl.col("driver") == ADS) & failed).to_dicts():
-        episode = episodes[row["pedestrian"], (row["scenario"], row["episode"])]
+        episode = by_key[row["pedestrian"], (row["scenario"], row["episode"])]
         groups.setdefault((row["pedestrian"], failure_group(row, episode)), []).append(row)
     found = []
     for (pedestrian, group), members in groups.items():

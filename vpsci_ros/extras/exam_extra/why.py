@@ -136,7 +136,7 @@ class Budget:
 def explain(
     exam: Exam,
     folder: Path,
-    runs: Mapping[str, RunResult],
+    episodes: Mapping[str, Sequence[Episode]],
     table: pl.DataFrame,
     failures: int,
     *,
@@ -147,16 +147,16 @@ def explain(
     """Repeat the worst failures of an exam; return the changes that avoid each, and all searches with episodes.
 
     :param folder: of the counterfactual runs; what is done there is not done again.
-    :param runs: pedestrian -> the system's run with it.
+    :param episodes: pedestrian -> the system's episodes with it.
     :param table: a row an episode.
     :param failures: with each pedestrian, at most: the worst of them.
     :param limit: seconds after which no further run begins.
     :raises VpsciError: a node has failed.
     """
     kind = exam.config.failure
-    failed = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(list(runs)) & pl.col(kind))
-    chosen = {name: _cases(failed.filter(pl.col("pedestrian") == name), runs[name], failures) for name in runs}
-    chosen = {name: cases for name, cases in chosen.items() if cases}
+    failed = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(list(episodes)) & pl.col(kind))
+    every = {name: _cases(failed.filter(pl.col("pedestrian") == name), episodes[name], failures) for name in episodes}
+    chosen = {name: cases for name, cases in every.items() if cases}
     parts = [(name, cases[:1]) for name, cases in chosen.items()]
     parts += [(name, cases[1:]) for name, cases in chosen.items() if cases[1:]]
     searches: list[Search] = []
@@ -193,11 +193,11 @@ def explain(
     return {"failure": kind, "budget": spent, "factors": definitions, "pedestrians": found}, searches
 
 
-def _cases(failed: pl.DataFrame, run: RunResult, most: int) -> list[Case]:
+def _cases(failed: pl.DataFrame, episodes: Sequence[Episode], most: int) -> list[Case]:
     """Return the worst failures with a pedestrian, the worst first."""
-    episodes = {episode.key: episode for episode in run.episodes}
+    by_key = {episode.key: episode for episode in episodes}
     keys = worst_first(failed).head(most).select("scenario", "episode").iter_rows()
-    return [case_of(episodes[int(s), int(e)]) for s, e in keys if (int(s), int(e)) in episodes]
+    return [case_of(by_key[key]) for key in keys]
 
 
 class _Again:
