@@ -26,8 +26,6 @@ CHANGES = {
 """Criterion against an earlier exam -> the measure, and which number of its difference."""
 FAILED_BEFORE = ("fixed", "newly_failed", "still_failing")
 COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
-
-
 GROUPS = {
     "kind": "kind of the pedestrian that became critical first",
     "group_size": "pedestrians of the episode",
@@ -46,24 +44,17 @@ def make_report(
     :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
     :param perception: errors of what was published to the ADS; None: it had odometry.
     """
-    drivers = {
-        driver: {
-            name: _scores(rows_of(table, driver, name))
-            for name in config.opponents
-            if rows_of(table, driver, name).height
-        }
+    found = {
+        driver: {name: rows for name in config.opponents if (rows := rows_of(table, driver, name)).height}
         for driver in (ADS, BASELINE)
         if rows_of(table, driver).height
     }
+    ads, autopilot = found.get(ADS, {}), found.get(BASELINE, {})
     learned = rows_of(table, ADS, LEARNED)
     others = [name for name in config.opponents if name != LEARNED and learned.height]
     return {
-        "drivers": drivers,
-        "beside": {
-            name: differences(rows_of(table, ADS, name), rows_of(table, BASELINE, name))
-            for name in config.opponents
-            if rows_of(table, ADS, name).height and rows_of(table, BASELINE, name).height
-        },
+        "drivers": {driver: {name: _scores(rows) for name, rows in parts.items()} for driver, parts in found.items()},
+        "beside": {name: differences(rows, autopilot[name]) for name, rows in ads.items() if name in autopilot},
         "differences": {name: differences(rows_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),

@@ -33,12 +33,6 @@ COLOURS = {
 }
 _MORE = ("#8c564b", "#e377c2", "#7f7f7f", "#bcbd22")
 
-
-def _colour(pedestrian: str) -> str:
-    """Return a pedestrian's colour; those that other packages add take the remaining colours in turn."""
-    return COLOURS.get(pedestrian) or _MORE[added_pedestrians().index(pedestrian) % len(_MORE)]
-
-
 RATES = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate")
 _ENDS = (
     ("collision", "collision", "#7f1d1d"),
@@ -47,6 +41,21 @@ _ENDS = (
     ("vehicle", "only the vehicle yielded", "#009e73"),
     ("nobody", "nobody yielded", "#c8c8c8"),
 )
+NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
+GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
+SLOW = 1.0  # [s] of time lost, from which on an episode is one to see
+_SHOWN = {
+    "collision_rate": "colli-\nsions",
+    "moving_collision_rate": "while\nmoving",
+    "conflict_rate": "con-\nflicts",
+    "arrived_rate": "arri-\nved",
+    "never_arrived_rate": "never\narri-\nved",
+    "stood_still_rate": "stood\nstill",
+    "time_lost": "time\nlost\n\\[s]",
+}
+"""Measures that are printed, and the heads of their columns."""
+_KEY = ["pedestrian", "scenario", "episode"]
+_TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
 
 def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) -> None:
@@ -70,6 +79,11 @@ def save_one(episode: Episode, path: Path) -> None:
     figure = blank_figure(4.4, 3.3)
     draw_episode(figure.subplots(), "", episode.pair())
     save_png(figure, path)
+
+
+def _colour(pedestrian: str) -> str:
+    """Return a pedestrian's colour; those that other packages add take the remaining colours in turn."""
+    return COLOURS.get(pedestrian) or _MORE[added_pedestrians().index(pedestrian) % len(_MORE)]
 
 
 def _draw_rates(axis: Axes, report: Mapping[str, Any], measure: str, names: list[str]) -> None:
@@ -136,23 +150,6 @@ def _draw_ends(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
     axis.set_xlabel("% of critical episodes (CurvTTC < 5 s)", fontsize=8)
     axis.tick_params(labelsize=8)
     axis.legend(fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.45, -0.2), frameon=False)
-
-
-NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
-GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
-SLOW = 1.0  # [s] of time lost, from which on an episode is one to see
-_SHOWN = {
-    "collision_rate": "colli-\nsions",
-    "moving_collision_rate": "while\nmoving",
-    "conflict_rate": "con-\nflicts",
-    "arrived_rate": "arri-\nved",
-    "never_arrived_rate": "never\narri-\nved",
-    "stood_still_rate": "stood\nstill",
-    "time_lost": "time\nlost\n\\[s]",
-}
-"""Measures that are printed, and the heads of their columns."""
-_KEY = ["pedestrian", "scenario", "episode"]
-_TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
 
 def write_page(
