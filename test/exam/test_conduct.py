@@ -1,5 +1,6 @@
 """What ends the run of an exam, with the graph of nodes left out: what its nodes report is given."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,12 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.data.episode_file import FRAMES
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.in_graph import episodes_in_bag, result_of_graph
+from vpsci_ros.exam.in_graph import result_of_bag
+from vpsci_ros.exam.result import Conduct, read_result
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir
@@ -40,7 +43,9 @@ def ended(exam: Exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
 
         monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
         monkeypatch.setattr(in_graph, "DYING", 0.0)
+        (tmp_path / "run").mkdir()
         in_graph.run_in_graph(exam, "walker", tmp_path / "run", tmp_path / "log", quiet=True)
+        assert (tmp_path / "run" / FRAMES).is_file(), "a failed run leaves its result, too"
         return found[0]
 
     return run
@@ -67,7 +72,7 @@ def test_an_exam_whose_ads_leaves_ticks_unanswered_ends_and_says_for_how_many(en
 
 def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:
     with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
-        episodes_in_bag(Bag(own_bag), exam)
+        result_of_bag(Bag(own_bag), exam)
 
 
 def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
@@ -77,13 +82,21 @@ def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
     exam = prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world), "sleep 100")
     recording, ends = Bag(own_bag), iter(["", "the ADS ended"])
     recording.topics()
-    monkeypatch.setattr("vpsci_ros.bags.mcap_file._checksum", None)  # not to be called
+    shutil.copytree(own_bag, tmp_path / "bag")
 
     def graph(_: Any, folder: Path, **__: Any) -> GraphResult:
         return GraphResult(folder, next(ends), nodes={"world_simulator": BEGINS}, recording=recording)
 
+    def no_checksum(*_: Any) -> int:
+        raise AssertionError("a bag is checked again")
+
     monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
-    whole, failed = (in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True) for _ in range(2))
-    assert failed is None
-    result = result_of_graph(exam, "walker", own_bag, {"error": "", "results": {}}, whole)
-    assert [episode.name for episode in result.episodes] == ["1:0", "1:2", "6:4"]
+    with monkeypatch.context() as patch:
+        patch.setattr("vpsci_ros.bags.mcap_file._checksum", no_checksum)
+        whole = in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True)
+    assert [episode.name for episode in whole.episodes] == ["1:0", "1:2", "6:4"]
+    assert read_result(tmp_path / FRAMES).conduct == whole.conduct == Conduct(3)
+    monkeypatch.setattr(recording, "files", [])  # not to be read
+    failed = in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True)
+    assert [episode.listed for episode in failed.episodes] == [episode.listed for episode in whole.episodes]
+    assert failed.conduct.failure == "walker, does not react: the ADS ended"

@@ -9,11 +9,11 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.in_graph import episodes_in_bag
+from vpsci_ros.exam.in_graph import result_of_bag
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
-from vpsci_ros.exam.result import Conduct, RunResult, episodes_of
+from vpsci_ros.exam.result import Conduct, result_of_ticks
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
@@ -24,19 +24,19 @@ EPISODES = 40
 
 
 def run(scenario: int = 104, **config: object):
-    """Return who became critical in the episodes of the rule-based pair, and these."""
+    """Return the result of episodes of the rule-based pair."""
     chosen = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", **config)
     scenarios = load_scenarios([scenario])
     world = World(chosen, scenarios, [(scenario, e) for e in range(EPISODES)], EPISODES, 3)
-    driven, found = episodes_of(Loop(world), chosen.tick, scenarios, "")
-    return found, driven
+    return result_of_ticks(Loop(world), chosen.tick, scenarios, "")
 
 
 def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical() -> None:
-    found, driven = run()
-    assert set(found) == {drive.key for drive in driven if drive.curvttc[0].min() < CRITICAL_TTC}
+    result = run()
+    found = result.first_critical
+    assert set(found) == {drive.key for drive in result.episodes if drive.curvttc[0].min() < CRITICAL_TTC}
     assert 5 < sum(each.hidden for each in found.values()) < len(found)
-    assert not any(each.hidden for each in run(scenario=101)[0].values())
+    assert not any(each.hidden for each in run(scenario=101).first_critical.values())
 
 
 def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(tmp_path: Path) -> None:
@@ -45,19 +45,20 @@ def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(
     exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
     config = exam.with_pedestrian("walker", "autopilot")
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
-    read, found = episodes_in_bag(Bag(tmp_path / "bag"), exam)
+    read = result_of_bag(Bag(tmp_path / "bag"), exam)
     expected = autopilot_run(exam, "walker")
+    found = read.first_critical
     assert found == expected.first_critical
-    assert [episode.listed for episode in read] == [episode.listed for episode in expected.episodes]
+    assert [episode.listed for episode in read.episodes] == [episode.listed for episode in expected.episodes]
     assert {each.pedestrians for each in found.values()} == {1, 2, 3}
     assert len({each.kind for each in found.values()}) > 2
 
 
 def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ() -> None:
-    found, driven = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
-    assert len(driven) == EPISODES, "an episode is one, however many pedestrians it has"
+    result = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
+    assert len(result.episodes) == EPISODES, "an episode is one, however many pedestrians it has"
     options = {"driver": "autopilot", "pedestrian": "walker"}
-    table = episode_table(RunResult(driven, first_critical=found), [], ExamConfig(), **options)
+    table = episode_table(result, [], ExamConfig(), **options)
     report = make_report(table, {"walker": Conduct(EPISODES)}, ExamConfig(pedestrians=["walker"], baseline=True))
     groups = report["groups"]
     assert set(groups) == {"kind", "hidden"}, "all groups are of two"

@@ -1,9 +1,8 @@
 """The runs of an exam: the driving system or the autopilot drives the same episodes with each pedestrian.
 
 A driving system drives through the graph of nodes, one episode at a time (`in_graph`), or answers through the loop,
-many side by side (`in_process`); so does the autopilot. Many episodes are driven in parts, each a run of its own, by
-workers side by side where there are several. Each run leaves a record and its result (`result`); that of a graph is
-made of its bag.
+many side by side (`in_process`). Many episodes are driven in parts, each a run of its own, by workers side by side
+where there are several. Each run leaves a record and its result (`result`).
 """
 
 import contextlib
@@ -15,13 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.episode_file import FRAMES
 from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.in_graph import domain_of, result_of_graph, run_in_graph
+from vpsci_ros.exam.in_graph import domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
-from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder, write_result
+from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
@@ -98,7 +96,7 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     """
     run = run_folder(folder, name, exam.part)
     if is_done(exam, folder, name):
-        return read_or_make_result(exam, folder, name)
+        return read_result(run / FRAMES)
     if not quiet:
         where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
         external = where if exam.config.examined == EXTERNAL and exam.driver is None else ""
@@ -107,10 +105,8 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     for parent in (run.parent, folder / "logs"):
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{run.name}.log"
-    if exam.in_process:
-        return run_in_process(exam, name, run, log, quiet=quiet)
-    recording = run_in_graph(exam, name, run, log, quiet=quiet)
-    return _make_result(exam, name, run, recording)
+    drive = run_in_process if exam.in_process else run_in_graph
+    return drive(exam, name, run, log, quiet=quiet)
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
@@ -134,26 +130,6 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
     """Return whether the exam's run with the pedestrian `name` is finished in `folder`."""
-    record = read_record(run_folder(folder, name, exam.part) / RUN_RECORD)
-    return record is not None and not record["error"]
-
-
-def read_or_make_result(exam: Exam, folder: Path, name: str) -> RunResult:
-    """Return the result of a run with the pedestrian `name`, from its file or, without one, made of its bag.
-
-    A graph's run that was stopped before its result was written has it made of its bag, and written.
-
-    :raises InvalidInput: what it left cannot be read, though it came to its end.
-    """
     run = run_folder(folder, name, exam.part)
-    return read_result(run / FRAMES) if (run / FRAMES).is_file() else _make_result(exam, name, run)
-
-
-def _make_result(exam: Exam, name: str, run: Path, recording: Bag | None = None) -> RunResult:
-    """Make the result of a graph's run of its bag, write it, and return it."""
     record = read_record(run / RUN_RECORD)
-    if record is None:
-        return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
-    result = result_of_graph(exam, name, run / "bag", record, recording)
-    write_result(run / FRAMES, result)
-    return result
+    return record is not None and not record["error"] and (run / FRAMES).is_file()

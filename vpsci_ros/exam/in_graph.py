@@ -7,21 +7,22 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode_file import FRAMES
 from vpsci_ros.data.gathered import RecordedTick, episode_rows
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
-from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, episodes_of
+from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
@@ -29,6 +30,9 @@ from vpsci_ros.runs.config import Sections
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
+
+if TYPE_CHECKING:
+    from vpsci_ros.nodes.graph import GraphResult
 
 _STOPPED = "stopped on request"
 DYING = 1.0  # [s] from the last command of a system that ends to its end
@@ -43,11 +47,10 @@ def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
     return own_domain()
 
 
-def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> Bag | None:
-    """Run the graph with one pedestrian in the folder `run`, whose run.json says why the driving system failed.
+def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
+    """Run the graph with one pedestrian, write record, bag and result into the folder `run`, and return the result.
 
     :param log: for what the system writes.
-    :returns: the bag of a run without a failure, which is whole; None of another.
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
@@ -75,15 +78,17 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
             reasons.append((failure(ads) if ads else "") or reason)
             return reasons[-1]
 
-        result = run_graph(graph_sections(exam, name, run), run, quiet=quiet, stop_when=failed)
-    counts = counts_of(result.nodes)
-    if result.error == _STOPPED:
+        graph = run_graph(graph_sections(exam, name, run), run, quiet=quiet, stop_when=failed)
+    counts = counts_of(graph.nodes)
+    if graph.error == _STOPPED:
         raise KeyboardInterrupt
-    if result.error and not any(reasons) and not (counts and counts.tick):
-        world = result.nodes.get("world_simulator", NodeStatus())
+    if graph.error and not any(reasons) and not (counts and counts.tick):
+        world = graph.nodes.get("world_simulator", NodeStatus())
         asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
-        raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
-    return None if result.error else result.recording
+        raise VpsciError(f"the run with {title_of(name)}: {graph.error}{asks}")
+    result = result_of_graph(exam, name, graph)
+    write_result(run / FRAMES, result)
+    return result
 
 
 def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
@@ -113,24 +118,19 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
     return sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
 
 
-def result_of_graph(
-    exam: Exam, name: str, bag: Path, record: Mapping[str, Any], recording: Bag | None = None
-) -> RunResult:
+def result_of_graph(exam: Exam, name: str, graph: "GraphResult") -> RunResult:
     """Return the result of a graph's run: episodes of its bag with fewer than 20 ticks unanswered by the ADS.
 
-    :param record: of the run.
-    :param recording: the bag, opened by `run_in_graph`; None: to be opened here.
     :raises InvalidInput: the bag cannot be read, though the run came to its end.
     """
-    nodes = record["results"].get("nodes", {})
-    counts = counts_of({node: NodeStatus.of(values) for node, values in nodes.items()}) or WorldCounts()
-    failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
+    counts = counts_of(graph.nodes) or WorldCounts()
+    failure = f"{title_of(name)}: {graph.error}" if graph.error else ""
     refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
     conduct = Conduct(len(exam.episodes), refused, surplus, counts.safe_stops, failure)
-    if conduct.failure and not bag.is_dir():
+    if graph.error and not graph.bag.is_dir():
         return RunResult([], conduct)  # it failed before the recorder wrote anything
-    recording = recording or Bag(bag, recover=bool(conduct.failure))
-    events = recording.topics().get(EVENTS)
+    bag = Bag(graph.bag, recover=True) if graph.error else graph.recording or Bag(graph.bag)
+    events = bag.topics().get(EVENTS)
     if events is not None and not events.messages:
         return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
@@ -140,22 +140,20 @@ def result_of_graph(
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
 
     try:
-        found, first_critical = episodes_in_bag(recording, exam, count)
+        found = result_of_bag(bag, exam, count)
     except InvalidInput:
-        if not conduct.failure:
+        if not graph.error:
             raise
         return RunResult([], conduct)  # whose failure says why, such as another graph's states among its own
-    own = [episode for episode in found if unanswered[episode.key] < SILENT_TICKS]
-    if len(own) < len(found) and not conduct.failure:
-        left = f"{len(found) - len(own)} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
-        conduct = dataclasses.replace(conduct, failure=left)
-    return RunResult(own, conduct, dict(+unanswered), first_critical)
+    own = [episode for episode in found.episodes if unanswered[episode.key] < SILENT_TICKS]
+    if (left := len(found.episodes) - len(own)) and not graph.error:
+        text = f"{left} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
+        conduct = dataclasses.replace(conduct, failure=text)
+    return found._replace(episodes=own, conduct=conduct, unanswered=dict(+unanswered))
 
 
-def episodes_in_bag(
-    bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None
-) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes of a bag, and the first critical pedestrian of each critical one.
+def result_of_bag(bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None) -> RunResult:
+    """Return the result in a bag's ticks: its episodes, and the first critical pedestrian of each critical one.
 
     :param take_events: called with the EVENT[n] of each message of events.
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
@@ -170,4 +168,4 @@ def episodes_in_bag(
                     raise InvalidInput(f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
             yield tick
 
-    return episodes_of(ticks(), exam.world.tick, exam.scenarios, str(bag))
+    return result_of_ticks(ticks(), exam.world.tick, exam.scenarios, str(bag))

@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,8 @@ from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
 from vpsci_ros.exam.report import BASELINE
-from vpsci_ros.exam.result import Conduct, RunResult, episodes_of, write_result
+from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.nodes.config import GraphConfig
-from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.compiling import compile_kernels
@@ -33,7 +32,6 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, write_record
 from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
-from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.intervention import Interventions
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.parked import parked_from
@@ -68,8 +66,7 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
 def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
     """Run the rule-based autopilot with one pedestrian, many episodes side by side, and return the result."""
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
-    found, first_critical = episodes_of(steps, exam.world.tick, exam.scenarios, BASELINE)
-    return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
+    return result_of_ticks(steps, exam.world.tick, exam.scenarios, BASELINE)
 
 
 def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
@@ -86,26 +83,24 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
     with contextlib.ExitStack() as stack:
         bars = stack.enter_context(Bars(quiet=quiet))
         answers = stack.enter_context(_driver_answers(exam, loop, log))
-        driven = InProcess(loop, answers, exam.perception, log)
+        driven = DrivenLoop(loop, answers, exam.perception, log)
         ticks = driven.ticks(lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
         if config.bags:
             made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
             seen = list(ticks)
             write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
-        found, first_critical = episodes_of(ticks, world.tick, exam.scenarios, str(run))
-    episodes = [episode for episode in found if episode.key not in driven.lost]
+        found = result_of_ticks(ticks, world.tick, exam.scenarios, str(run))
     failure = driven.failure()
-    counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
     said = f"{title_of(name)}: {failure}" if failure else ""
     conduct = Conduct(len(exam.episodes), driven.refused, failure=said)
-    result = RunResult(episodes, conduct, first_critical=first_critical)
+    result = found._replace(episodes=[each for each in found.episodes if each.key not in driven.lost], conduct=conduct)
     write_result(run / FRAMES, result)
     write_record(
         run / RUN_RECORD,
         begun=begun,
         error=failure,
-        results={"nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))}},
+        results=dataclasses.asdict(conduct),
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
     )
     return result
@@ -137,15 +132,14 @@ def _recorded(steps: Iterable[Step], lost: Collection[Key]) -> Iterator[Step]:
             yield step._replace(tick=step.tick._replace(number=next(number)), actions=Actions(pedestrian=actions))
 
 
-class InProcess:
-    """A driving system that drives every car of a simulation loop.
+class DrivenLoop:
+    """A simulation loop in which a driving system drives every car.
 
     :param loop: whose world leaves the vehicle to an external driver.
     :param answers: of the driving system, for each car.
     :param perception: errors of what is published of pedestrians; None: the drivers have their odometry.
     :param log: where the traceback of a driver that raises is written.
-    :ivar commands: that were good.
-    :ivar refused: answers that were no commands.
+    :ivar refused: number of answers that were no commands.
     :ivar lost: episode -> when and why it was lost, in words.
     """
 
@@ -155,7 +149,7 @@ class InProcess:
         self._parked = parked_from(loop.world.scenarios)
         self._memory = blank(len(loop.world.state), perception, self._period) if perception else None
         self._form = ""  # of commands, that of the first one
-        self.commands = self.refused = 0
+        self.refused = 0
         self.lost: dict[Key, str] = {}
 
     def ticks(self, report: Callable[[int], None]) -> Iterator[Step]:
@@ -177,12 +171,13 @@ class InProcess:
         others = f" and {len(self.lost) - 1} more" if len(self.lost) > 1 else ""
         return f"the ADS did not drive {scenario}:{episode}{others} to the end: {why} (log: {self._log})"
 
-    def _present(self, state: NDArray[np.void]) -> Iterator[tuple[slice, Key]]:
-        """Yield rows and key of each episode that runs or has just ended in EPISODE[B]."""
+    def _driven(self, state: NDArray[np.void]) -> Iterator[tuple[slice, Key]]:
+        """Yield rows and key of each running episode in EPISODE[B] that is not lost."""
         first = state[:: self._most]
-        for slot in np.flatnonzero(first["status"] != IDLE):
-            rows = slice(int(slot) * self._most, (int(slot) + 1) * self._most)
-            yield rows, (int(first["scenario"][slot]), int(first["episode"][slot]))
+        for slot in np.flatnonzero(first["status"] == RUNNING).tolist():
+            key = int(first["scenario"][slot]), int(first["episode"][slot])
+            if key not in self.lost:
+                yield slice(slot * self._most, (slot + 1) * self._most), key
 
     def _answers(self, tick: Tick, assessment: Assessment) -> Actions:
         """Return what all drivers do at a tick."""
@@ -191,21 +186,17 @@ class InProcess:
             self._memory, objects = perceive(
                 self._memory, tick.state, self._perception, self._period, self._parked, self._most
             )
-        waiting = [
-            (rows, key)
-            for rows, key in self._present(tick.state)
-            if tick.state["status"][rows.start] == RUNNING and key not in self.lost
-        ]
-        scenes = [self._scene(tick, assessment, rows, key, objects) for rows, key in waiting]
-        given: dict[int, Answer] = {}
-        for (rows, key), scene, answer in zip(waiting, scenes, self._ask(scenes), strict=True):
-            if found := self._command(key, scene.time, answer):
-                given[rows.start] = found
+        driven = list(self._driven(tick.state))
+        scenes = [self._scene(tick, assessment, rows, key, objects) for rows, key in driven]
+        commands: list[tuple[slice, Sequence[float]]] = []
+        for (rows, key), scene, answer in zip(driven, scenes, self._ask(scenes), strict=True):
+            if self._take(key, scene.time, answer):
+                commands.append((rows, answer.values))
         if not self._form:
             return NO_ACTIONS
         values = np.zeros((len(tick.state), 3 if self._form == "vehicle_control" else 2))
-        for first, command in given.items():
-            values[first : first + self._most] = command.values
+        for rows, command in commands:
+            values[rows] = command
         return Actions(**{self._form: values})
 
     def _scene(
@@ -224,12 +215,11 @@ class InProcess:
             objects=None if objects is None else objects[rows],
         )
 
-    def _command(self, key: Key, time: float, answer: Answer) -> Answer | None:
-        """Count an answer and return it; None, and the episode is lost, where it is no command."""
+    def _take(self, key: Key, time: float, answer: Answer) -> bool:
+        """Return whether an answer is a command of the first one's form; if not, the episode is lost."""
         self._form = self._form or answer.form
         if answer.form and answer.form == self._form:
-            self.commands += 1
-            return answer
+            return True
         other = f"act returned {tuple(answer.values)}, a command of another form than its first one"
         error = other if answer.form else answer.error
         self.refused += answer.refused or bool(answer.form)
@@ -237,4 +227,4 @@ class InProcess:
         if len(self.lost) <= _SHOWN:
             with self._log.open("a", encoding="utf-8", errors="backslashreplace") as log:
                 print(f"{key[0]}:{key[1]} at {time:.2f} s: {error}\n{answer.trace}", file=log)
-        return None
+        return False

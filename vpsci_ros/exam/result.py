@@ -1,6 +1,6 @@
 """The result of a run of an exam: its episodes, whatever the driving system was, and how the run went.
 
-Ticks of the loop and ticks of a bag become the same value, which is stored as one file: page, report and view read it.
+Ticks of the loop and ticks of a bag become the same value, which is stored as one file.
 """
 
 import dataclasses
@@ -65,12 +65,11 @@ class RunResult(NamedTuple):
     first_critical: Mapping[Key, FirstCritical] = {}
 
 
-def episodes_of(
-    ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], source: str
-) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
-    """Return the episodes in a run's ticks, sorted by key, and the first critical pedestrian of each critical one.
+def result_of_ticks(ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], source: str) -> RunResult:
+    """Return the result in a run's ticks: episodes sorted by key, and the first critical pedestrian of critical ones.
 
     :param period: of a tick [s].
+    :param source: what the ticks come from, the opening of an error message.
     """
     first_critical: dict[Key, FirstCritical] = {}
     parked = parked_from(scenarios)
@@ -85,8 +84,8 @@ def episodes_of(
                 first_critical.setdefault((int(record["scenario"]), int(record["episode"])), first)
             yield tick
 
-    found = gathered(watched(), period, scenarios, source=source)
-    return sorted(found, key=lambda episode: episode.key), first_critical
+    found = sorted(gathered(watched(), period, scenarios, source=source), key=lambda episode: episode.key)
+    return RunResult(found, first_critical=first_critical)
 
 
 def write_result(path: Path, result: RunResult) -> None:

@@ -20,11 +20,11 @@ from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Cockpit
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
-from vpsci_ros.exam.in_process import InProcess, loop_with
+from vpsci_ros.exam.in_process import DrivenLoop, loop_with
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import Motion
 from vpsci_ros.exam.report import ADS, BASELINE
-from vpsci_ros.exam.result import Conduct, RunResult, episodes_of
+from vpsci_ros.exam.result import RunResult, result_of_ticks
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.report import html
@@ -163,9 +163,8 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     loop = loop_with(exam, EURO_NCAP, "external", exam.episodes, len(exam.episodes))
     brake = partial(AutopilotBrake, exam.world.proximity_distance)
     cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes), exam.world.spawn)
-    steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
-    found, first_critical = episodes_of(steps, exam.world.tick, exam.scenarios, BASELINE)
-    return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
+    steps = DrivenLoop(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
+    return result_of_ticks(steps, exam.world.tick, exam.scenarios, BASELINE)
 
 
 def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:
