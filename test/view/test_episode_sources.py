@@ -69,6 +69,17 @@ def test_an_exams_episodes_are_named_by_pedestrian_and_those_without_one_are_lef
     assert [one.label for one in read_episodes(exam, ["walker/6:4"])] == ["walker_LocationB_PedCross_N-S_000004"]
 
 
+def test_episodes_of_an_exams_further_parts_are_named_by_pedestrian_too(exam: Path, own_bag: Path) -> None:
+    whole = list(read_episodes(own_bag))
+    (exam / "runs" / "learned-2").mkdir()
+    write_episodes(exam / "runs" / "learned" / FRAMES, whole[:1])
+    write_episodes(exam / "runs" / "learned-2" / FRAMES, whole[1:])
+    (exam / "runs" / "alone-2").mkdir()
+    write_episodes(exam / "runs" / "alone-2" / FRAMES, whole)
+    names = [one.name for one in read_episodes(exam)]
+    assert names == [f"{run}/{name}" for run in ("learned", "walker") for name in ("1:0", "6:4", "1:2")]
+
+
 @pytest.mark.parametrize("wanted", [["6:4"], ["4"], ["LocationB_PedCross_N-S_000004"]])
 def test_episodes_are_meant_by_name_number_or_label_and_the_rest_is_not_read(
     wanted: list[str], own_bag: Path, monkeypatch: pytest.MonkeyPatch

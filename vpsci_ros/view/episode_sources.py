@@ -5,6 +5,7 @@ from another file of the same number.
 """
 
 import dataclasses
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -157,13 +158,16 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
 
 
 def _exam(folder: Path) -> EpisodeSource:
-    """Return the episodes of every run with a pedestrian; their names begin with the run's: "learned/6:12"."""
-    runs = [path for path in sorted((folder / "runs").glob("*")) if path.name.partition("-")[0] != ALONE]
+    """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12".
+
+    The folders of a pedestrian's runs, one for each part of the exam, are learned, learned-2, learned-3.
+    """
+    found = {path: re.sub(r"-\d+$", "", path.parent.name) for path in sorted((folder / "runs").glob(f"*/{FRAMES}"))}
     episodes = [
-        dataclasses.replace(episode, listed=_of_run(run.name, episode.listed))
-        for run in runs
-        if (run / FRAMES).is_file()
-        for episode in read_episode_file(run / FRAMES)
+        dataclasses.replace(episode, listed=_with(pedestrian, episode.listed))
+        for path, pedestrian in found.items()
+        if pedestrian != ALONE
+        for episode in read_episode_file(path)
     ]
     if not episodes:
         raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
@@ -177,8 +181,8 @@ def _exam(folder: Path) -> EpisodeSource:
     return EpisodeSource(folder, "exam", episodes[0].period, [each.listed for each in episodes], scenarios, read)
 
 
-def _of_run(run: str, listed: Listed) -> Listed:
-    return listed._replace(name=f"{run}/{listed.name}", group=f"{run}_{listed.group}")
+def _with(pedestrian: str, listed: Listed) -> Listed:
+    return listed._replace(name=f"{pedestrian}/{listed.name}", group=f"{pedestrian}_{listed.group}")
 
 
 def spread(total: int, limit: int) -> list[int]:
