@@ -1,4 +1,4 @@
-"""The runs of an exam: the driving system or the autopilot drives the same episodes with each pedestrian.
+"""The runs of an exam: the driving system drives the same episodes with each pedestrian.
 
 A driving system drives through the graph of nodes, one episode at a time (`in_graph`), or answers through the loop,
 many side by side (`in_process`). Many episodes are driven in parts, each a run of its own, by workers side by side
@@ -46,7 +46,7 @@ def run_with_all(
 ) -> dict[str, RunResult]:
     """Return the driving system's result with each pedestrian; a finished run in `folder` is read, not repeated.
 
-    After a run in which not one episode is driven no other begins: its failure is said once.
+    After a run in which the system completes no episode, no further run begins.
 
     :param workers: runs side by side, each in a process of its own; the results do not depend on their number.
     :param what: label of the runs in the progress.

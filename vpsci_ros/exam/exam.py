@@ -43,9 +43,9 @@ PART = 100  # episodes of a run, at most: where there are more, its pedestrian h
 class Exam:
     """A prepared exam: the driving system and its episodes.
 
-    :ivar sections: the parameters that the graphs are started with.
-    :ivar part: which one of an exam in several parts, from 0.
-    :ivar files: of the driving system, each with its SHA-256.
+    :ivar sections: parameters of all nodes, by section.
+    :ivar part: number of this part of an exam in several parts, from 0.
+    :ivar files: name -> SHA-256 of each file of the driving system.
     :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
         gets the log and the patience for an answer [s]. None: the system of `config` drives.
     """
@@ -90,7 +90,7 @@ class Exam:
         return dataclasses.replace(self, sections=sections, run=dataclasses.replace(self.run, only=listed))
 
     def parts(self) -> list["Exam"]:
-        """Return the exam in parts, one run each; the division does not depend on the number of workers."""
+        """Return the exam in parts, one run with each pedestrian; the number of workers does not change the parts."""
         keys, most = self.episodes, 1 if self.person else SIDE_BY_SIDE if self.config.ads_class else PART
         if len(keys) <= most:
             return [self]
@@ -99,7 +99,7 @@ class Exam:
 
     @property
     def scenarios(self) -> list[Scenario]:
-        """The scenarios of the episodes."""
+        """The scenarios that `world_simulator.scenarios` names, in that order."""
         return load_scenarios(self.run.scenarios, self.run.scenario_files)
 
     @property
@@ -143,7 +143,7 @@ class Exam:
         return recorded_people(read_near_misses(path), self.spawns(), self.scenarios, world, self.run.seed, path)
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
-        """Return the states at the spawns of n episodes, EPISODE[n * P], with P pedestrians an episode."""
+        """Return the states at the spawns of the exam's n episodes, EPISODE[n * P], with P pedestrians an episode."""
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 

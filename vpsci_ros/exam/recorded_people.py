@@ -3,9 +3,9 @@
 A recorded person is put where its path crosses the lane of the vehicle: turned (and mirrored, where it came from the
 other side of the vehicle) into the walking direction of the scenario, and in time so that it is there when the
 episode's own pedestrian would be. From there on it does what it did in the recording, stops included, whatever the
-vehicle does: it reacted to another car. Before its recording it comes, and after it goes, at its first and last
-velocity. People whose path does not cross that of the recorded vehicle, carried on so, are left out: those who stood,
-walked alongside, or had stopped for the car when their recording ends.
+vehicle does: it reacted to another car. Before the recording begins it walks at the first recorded velocity, after the
+end at the last one. People whose path, continued so, does not cross that of the recorded vehicle are left out: those
+who stood, walked alongside, or had stopped for the car when their recording ends.
 """
 
 import dataclasses

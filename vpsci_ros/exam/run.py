@@ -2,8 +2,8 @@
 
 In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (its record, and its
 episodes in frames.parquet), logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html,
-summary.md, junit.xml, and view.html, in which the episodes play. The same command goes on with an exam that was
-stopped: runs that are done do not run again.
+summary.md, junit.xml, pictures, and view.html, in which the episodes play. The same command resumes a stopped exam: it
+reads the finished runs of the driving system, and runs the others and the baseline.
 """
 
 import json
@@ -90,7 +90,7 @@ def run_exam(
 
 
 def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFrame:
-    """Return a row for each episode of a driver; of the baseline, those on the empty road are the reference alone."""
+    """Return the table of a driver's episodes; the baseline's episodes on the empty road only serve as a reference."""
     names = [name for name in runs if driver == ADS or name != ALONE]
     alone = runs[ALONE].episodes if ALONE in runs else []
     return pl.concat(

@@ -22,7 +22,7 @@ from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.view.pack import Shown, Source
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
-"""Shares of episodes that the exam gives: the page filters by them, so that each number opens its episodes."""
+"""Filter of the page -> the measure, a share of episodes, whose episodes it shows."""
 _DRIVERS = {ADS: "the ADS", BASELINE: "autopilot"}
 
 

@@ -46,7 +46,7 @@ class EpisodeSource:
     :ivar kind: "recorded", "generated", "bag" or "exam".
     :ivar period: time from one frame to the next [s].
     :ivar listed: all episodes without their motion, in order.
-    :ivar scenarios: your own scenarios among theirs.
+    :ivar scenarios: the user's own scenarios, as the source holds them.
     :ivar reader: yields the episodes of these names.
     """
 
@@ -114,7 +114,11 @@ def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> S
 
 
 def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
-    """Return the source at `path`, or of a near-miss table by its name ("right_turns/train")."""
+    """Return the source of episodes at `path`, or the near-miss table of this name ("right_turns/train").
+
+    :param recover: read the whole messages of a damaged bag.
+    :raises InvalidInput: another kind of file, or a damaged one.
+    """
     path, part = near_misses_part(path)
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")

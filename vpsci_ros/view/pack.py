@@ -1,7 +1,7 @@
 """Episodes for the page in a compact form: 16-bit integers in base64, and a row of JSON for each episode.
 
 A frame takes 22 bytes, 29 in base64: a thousand episodes of 10 s at 0.05 s come to 6 MB. Positions count from the
-middle of their episode. Pedestrians beside the most critical one take eight bytes each and frame more.
+middle of their episode. Each pedestrian besides the most critical one takes eight bytes a frame.
 """
 
 import base64

@@ -110,7 +110,7 @@ def _show(part: Exam, name: str, folder: Path, page: Page, result: RunResult, *,
 
 
 def _compile(exam: Exam) -> None:
-    """Have what an episode runs compiled before the first one: a person does not wait at the wheel."""
+    """Compile the kernels that an episode runs, so that the person does not wait when the first one begins."""
     for name in exam.opponents:
         loop = loop_with(exam, name, "external", exam.episodes[:1], 1)
         still = Actions(vehicle_control=np.tile([0.0, 0.2, 0.0], (len(loop.world.state), 1)))

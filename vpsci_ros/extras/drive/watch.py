@@ -15,7 +15,7 @@ EYES = 0.04  # [s] between two frames
 
 
 def watch_graph(page: Page, scenarios: list[Scenario]) -> None:
-    """Show the first slot's episodes of the graph in this ROS domain, until `Page.close`.
+    """Show the episode of the first busy slot of the graph in this ROS domain, until `Page.close`.
 
     :param scenarios: where its episodes may take place.
     """

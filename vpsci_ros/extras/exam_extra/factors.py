@@ -57,9 +57,9 @@ class Span(NamedTuple):
 class Factor:
     """A property that is changed when an episode is repeated.
 
-    :ivar span: how far, of a case and the exam.
-    :ivar change: sections of the exam with an amount for each of some cases, all different episodes.
-    :ivar shared: one amount for all cases of a run.
+    :ivar span: returns the range of amounts in a case of an exam.
+    :ivar change: returns the exam in which each of some cases, all different episodes, is changed by its amount.
+    :ivar shared: whether all cases of a run have one amount.
     """
 
     title: str

@@ -72,7 +72,7 @@ class ProtocolExam(Exam):
 
 
 def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
-    """Return the exam on the protocol's tests; each test is a scenario, written as a file into `folder`."""
+    """Return the exam on the protocol's tests; each cell of a test is a scenario, written as a file into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     cells = euro_ncap.cells()
@@ -97,7 +97,7 @@ def run_protocol(
     """Run the protocol's tests, write and print the result, and return the reasons for failing.
 
     :param beside: folder of an exam of the same system, whose pedestrians are set beside the tests; None: none.
-    :param fail_below: points that are enough.
+    :param fail_below: fewest points with which the system passes.
     :raises InvalidInput: `folder` holds something else, or `beside` is no exam that is over.
     :raises VpsciError: a node has failed.
     """

@@ -141,7 +141,7 @@ def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int 
 
     :param ads: its command, instead of the parameters' one; external: somebody else starts it.
     :param port: 0: a free one, which the program finds in its environment.
-    :raises InvalidInput: see `prepare`, or the two do not go together.
+    :raises InvalidInput: see `prepare`, or the command and the port do not go together.
     """
     exam = prepare(sections.changed("ads_test", {"ads_class": ""}), ads, None, workers)
     command = exam.config.ads

@@ -1,8 +1,8 @@
 """The least change that avoids a failure, found by repeating the episode with one change at a time.
 
-Four amounts of a factor are tried first, evenly spaced, then a few halvings between the least that avoids the failure
-and the next less one. So what is found is *a* boundary: below it a smaller change might do, too, where the four amounts
-miss it; and where a larger amount fails again, that is said.
+Four amounts of a factor are tried first, evenly spaced, then up to three halvings between the least amount that avoids
+the failure and the largest smaller one that does not. The result is one boundary: a smaller amount between the four
+might avoid the failure, too. The report says where a larger amount fails again.
 
 The worst failure with each pedestrian comes first, then the others. At a limit of time no further run begins: what was
 not tried by then is said to be so, and the same command goes on from there.

@@ -2,8 +2,8 @@
 
 Behavioural cloning (Pomerleau 1989, "ALVINN") of the acceleration alone, by gradient-boosted trees, from what could be
 seen of the last half second: place and velocity of the nearest pedestrian in the vehicle's frame, CurvTTC, its own
-speed and curvature, and where on the map it is. The world keeps the stand-in in its lane. It need not be right: it says
-where to look, and how often it is wrong shows in the episodes that the driving system then drives itself.
+speed and curvature, and where on the map it is. The world keeps the surrogate in its lane. It only says where to look;
+its errors show in the episodes that the driving system then drives itself.
 """
 
 from collections.abc import Iterable

@@ -13,7 +13,7 @@ STANDING = 1.0  # [m] more clearance while the vehicle stands: who then walks in
 
 
 def margin(failure: str, state: NDArray[np.void], curvttc: Floats) -> Floats:
-    """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity without a running episode.
+    """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity in idle slots.
 
     The margin of a collision is the clearance between the footprints [m], of one with a moving vehicle a metre more
     while it stands; that of a conflict is CurvTTC less the threshold [s].

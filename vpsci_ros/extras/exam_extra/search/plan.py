@@ -14,7 +14,7 @@ _LEAST = 8  # episodes of a part
 
 
 Part = tuple[str, NDArray[np.int64], bool]
-"""Episodes to drive now: name, as "2_focus"; places in the pool, int64[k]; whether the stand-in learns from them."""
+"""Episodes to drive now: name, as "2_focus"; places in the pool, int64[k]; whether the surrogate is trained on them."""
 
 
 class Plan:

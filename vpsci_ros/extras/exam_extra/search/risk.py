@@ -1,7 +1,7 @@
 """The probability of a failure at a margin, and the estimated number of failures among undriven episodes.
 
 A Bayesian logistic regression on the margin, with a bend at zero, fitted to episodes that the driving system drove
-after the stand-in had been learned. The posterior is drawn from by importance sampling around its mode with a
+after the surrogate had been trained. The posterior is drawn from by importance sampling around its mode with a
 multivariate t (Gelman et al., Bayesian Data Analysis, 3rd ed., sections 10.4 and 13.2). It rests on this: the odds of a
 failure fall smoothly as the margin grows. Failures that no margin foretells, at a constant small rate, would be missed
 by it; a share of the episodes is therefore drawn at random, and `docs/search.md` says how often the intervals cover.
