@@ -68,7 +68,7 @@ def compile_kernels() -> None:
     folder = choose_cache_folder()
     if folder is None or not folder.is_absolute() or (folder / DONE).exists():
         return
-    print("compiling for this machine, once: some 20 s on two cores", file=sys.stderr, flush=True)
+    print("compiling for this machine, once: up to a minute", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", __name__]
     running = [subprocess.Popen([*command, part], stderr=subprocess.PIPE, text=True) for part in PARTS]
     errors = [process.communicate()[1] for process in running]
