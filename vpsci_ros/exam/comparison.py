@@ -1,4 +1,4 @@
-"""The comparison with an earlier exam: which episodes are fixed, newly broken or unchanged."""
+"""The comparison with an earlier exam: which episodes are fixed, newly or still failing."""
 
 from collections.abc import Mapping
 from pathlib import Path

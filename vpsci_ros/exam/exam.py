@@ -90,7 +90,7 @@ class Exam:
         return dataclasses.replace(self, sections=sections, run=dataclasses.replace(self.run, only=listed))
 
     def parts(self) -> list["Exam"]:
-        """Return the exam in parts, one run with each pedestrian; the number of workers does not change the parts."""
+        """Return the exam split by episodes, each part with a run for each pedestrian, for any number of workers."""
         keys, most = self.episodes, 1 if self.person else SIDE_BY_SIDE if self.config.ads_class else PART
         if len(keys) <= most:
             return [self]
