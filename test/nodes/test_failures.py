@@ -127,8 +127,8 @@ def test_an_ads_that_misses_single_ticks_is_not_silent() -> None:
 
 def test_an_ads_that_answers_nothing_for_the_limit_is_silent_and_not_before() -> None:
     assert seen((0, 0), (19, 19)) == ""
-    assert "no usable command for 20 ticks" in seen((0, 0), (20, 20))
-    assert "no usable command for 21 ticks" in seen((900, 3), (912, 12), (926, 24))
+    assert "no usable command for 20 of the last 20 ticks" in seen((0, 0), (20, 20))
+    assert "no usable command for 21 of the last 26 ticks" in seen((900, 3), (912, 12), (926, 24))
 
 
 def test_silence_says_whether_commands_came_and_were_refused() -> None:

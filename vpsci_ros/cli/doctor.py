@@ -24,6 +24,7 @@ BRINGS = {
     "planner": "examples/motion_planner.py",
     "sumo": "examples/sumo_crossing.py",
     "highway": "examples/highway_crossing.py",
+    "baselines": "examples/trained_policy.py",
     "test": "the tests",
     "docs": "the documentation site",
     "colcon": "a build by colcon",
