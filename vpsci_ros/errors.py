@@ -33,6 +33,7 @@ _EXTRAS = {
     "pyproj": "geo",
     "scenariogeneration": "formats",
     "sklearn": "paper",
+    "stable_baselines3": "baselines",
     "threadpoolctl": "exam_extra",
     "torch": "learn",
     "tornado": "drive",
