@@ -106,10 +106,10 @@ if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf
 fi
 
 [ "$purpose" = demo ] && exit
-add test rl,exam_extra,paper,formats,geo,drive,test "what tests need: another 0.6 GB on disk"
+add test rl,exam_extra,paper,formats,geo,drive,test "what tests need: another 0.5 GB on disk"
 
 [ "$purpose" = test ] && exit
-add engines carla,highway,planner,sumo,baselines,docs "SUMO, highway-env, CARLA's client, planners and the site: 0.9 GB more on disk"
+add engines carla,highway,planner,sumo,baselines,docs "SUMO, highway-env, CARLA's client, planners and the site: another 1 GB on disk"
 # Not all of CommonRoad's packages are on PyPI for Python 3.10 and 3.12: there its tests are skipped, and say so.
 if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' && ! is_done commonroad tools/commonroad.txt; then
     say "installing CommonRoad, about 50 MB"
