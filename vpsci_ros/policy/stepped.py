@@ -10,6 +10,7 @@ from typing import Union
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import SST
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.policy.weights import Weights
@@ -33,7 +34,7 @@ class SteppedActor:
     def __init__(self, weights: Weights, capacity: int) -> None:
         from vpsci_ros.policy.models import make_actor
 
-        self.capacity, self._actor = capacity, make_actor(weights.network)
+        self.capacity, self._network, self._actor = capacity, weights.network, make_actor(weights.network)
         self._seen = np.zeros((capacity, STEPS, OBSERVATION_SIZE + ACTION_SIZE + 1), np.float32)  # CurvTTC at the end
         self._taken = np.zeros(capacity, np.int64)  # steps of each history
         self._before = np.zeros((capacity, ACTION_SIZE), np.float32)
@@ -42,10 +43,12 @@ class SteppedActor:
     def load(self, weights: Weights) -> None:
         """Use other weights of the same shape from the next step on; histories continue.
 
-        :raises RuntimeError: torch's error, if the networks differ in shape.
+        :raises InvalidInput: the networks differ in shape.
         """
         import torch
 
+        if weights.network != self._network:
+            raise InvalidInput(f"weights: expected networks of {self._network}, got {weights.network}")
         self._actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in weights.tensors.items()})
 
     def step(

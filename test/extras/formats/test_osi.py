@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from synthetic import synthetic_near_misses
 
+from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.extras.formats.movers import movers
 from vpsci_ros.extras.formats.run import export
 from vpsci_ros.view.episode_sources import read_episodes
@@ -39,3 +42,23 @@ def test_ground_truth_read_back_has_our_poses_velocities_sizes_and_times(traces,
         assert first.host_vehicle_id.value == first.moving_object[0].id.value
         assert first.moving_object[0].base.dimension.length == 4.69
         assert (first.moving_object[0].type, first.moving_object[1].type) == (2, 3)  # vehicle, pedestrian
+
+
+def sources_of(traces):
+    """Return what each trace says it was made from."""
+    found = []
+    for path in traces.glob("*.mcap"):
+        with path.open("rb") as file:
+            found += [
+                record.metadata["data_sources"]
+                for record in make_reader(file).iter_metadata()
+                if "data_sources" in record.metadata
+            ]
+    return found
+
+
+def test_a_trace_says_whether_it_was_recorded_or_simulated(traces, tmp_path):
+    write_near_misses(synthetic_near_misses(2).table, tmp_path / "recorded.parquet")
+    assert export(tmp_path / "recorded.parquet", ["osi"], tmp_path / "out") == {"osi": 2}
+    assert sources_of(traces) == ["simulation"] * 3
+    assert sources_of(tmp_path / "out" / "osi") == ["recording"] * 2

@@ -1,9 +1,12 @@
 """Table 9's networks: causal, and they act step by step as over the whole history, from a file of weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.models import FeedForwardLayer, LSTMLayer, TransformerLayer
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.config import NetworkConfig
@@ -41,9 +44,9 @@ def test_an_output_knows_the_past_within_its_reach_and_never_the_future(layer):
     assert changed.tolist() == [4 <= t < last for t in range(9)]
 
 
-def weights(name, seed=0):
+def weights(name, seed=0, network=SMALL):
     torch.manual_seed(seed)
-    networks = Networks(network_of(name, SMALL))
+    networks = Networks(network_of(name, network))
     with torch.no_grad():
         for parameter in networks.actor["vehicle"].parameters():
             parameter.add_(0.2 * torch.randn_like(parameter))
@@ -76,3 +79,10 @@ def test_a_file_of_weights_acts_step_by_step_as_its_network_says_of_the_whole_hi
         whole = network(torch.from_numpy(seen), before, torch.from_numpy(curvttc)).numpy()
     assert np.abs(whole).max() > 0.01
     np.testing.assert_allclose(answers, whole, atol=1e-5)
+
+
+def test_weights_of_another_shape_are_refused():
+    actor = SteppedActor(weights("lstm").actor("vehicle"), 1)
+    other = weights("lstm", network=replace(SMALL, hidden=32))
+    with pytest.raises(InvalidInput, match=r"expected networks of .*hidden=16.*, got .*hidden=32"):
+        actor.load(other.actor("vehicle"))

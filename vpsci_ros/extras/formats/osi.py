@@ -17,7 +17,7 @@ from osi3.osi_version_pb2 import InterfaceVersion, current_interface_version
 from osi_utilities import MCAPChannel
 
 from vpsci_ros import __version__
-from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode import RECORDED, Episode
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.movers import Mover, movers
 from vpsci_ros.extras.formats.run import Options
@@ -58,7 +58,7 @@ def _write_trace(episode: Episode, path: Path) -> None:
             "creation_time": "1970-01-01T00:00:00Z",
             "description": f"{episode.label}: a vehicle and a crossing pedestrian, {episode.outcome}",
             "authors": f"vpsci_ros {__version__}",
-            "data_sources": "simulation",
+            "data_sources": "recording" if episode.outcome == RECORDED else "simulation",
         }
         writer.add_metadata(_METADATA, about)
         channel = MCAPChannel(writer)
