@@ -19,16 +19,19 @@ from collections.abc import Callable, Mapping
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 
 ROUNDS = 3  # unless the command says otherwise
-STAGE_1_UPDATES, STAGE_2_UPDATES = 3000, 2000  # of the parameter files as shipped
-FEW_EPISODES = 12  # of its 375 in each scenario
+STAGE_1_UPDATES, STAGE_2_UPDATES = 3000, 5108  # of the parameter files as shipped; stage 2 with their seed, 2
+FEW_UPDATES, FEW_EPISODES = 30, 12  # of the shorter of two runs; episodes: of 375 in each scenario
 PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
 BEGIN, END = "<!-- written by benchmarks/card.py -->", "<!-- until here -->"
+
+
+Costs: TypeAlias = tuple[float, float]  # CPU time and time that passed [s]
 
 
 class Row(NamedTuple):
@@ -210,26 +213,34 @@ def _seconds(command: list[str], output: Path, environment: Mapping[str, str]) -
 
 
 def learning(_: int) -> list[Row]:
-    """Both stages as shipped, each from its first part."""
-    found = []
+    """Both stages as shipped, each from a short run and one of twice the length: what both do once counts once."""
     with tempfile.TemporaryDirectory() as folder:
         base = [sys.executable, "-m", "vpsci_ros.cli"]
-        short = ["--set", f"learner.episodes={STAGE_1_UPDATES // 100}"]
-        cpu, wall = _used([*base, "pretrain", "--quiet", *short, "-o", f"{folder}/1"])
-        what = f"learning: stage 1, extrapolated from 1% of its {STAGE_1_UPDATES:,} updates"
-        found.append(Row(what, f"{cpu * 100:.0f} CPU s, {wall * 100:.0f} s"))
-        few_of = ["--set", f"learner.weights={folder}/1/pretrained.safetensors"]
-        few = ["--set", f"world_simulator.episodes={FEW_EPISODES}"]
-        cpu, wall = _used([*base, "refine", "--quiet", *few, *few_of, "-o", f"{folder}/2"])
-        log = Path(folder, "2", "refine_log.csv").read_text(encoding="utf-8").splitlines()
-        updates = float(dict(zip(log[0].split(","), log[-1].split(","), strict=True))["updates"])
-        share = STAGE_2_UPDATES / updates
-        what = f"learning: stage 2, extrapolated from {updates:.0f} of its {STAGE_2_UPDATES:,} updates"
-        found.append(Row(what, f"{cpu * share:.0f} CPU s, {wall * share:.0f} s"))
-    return found
+        runs = []
+        for times in (1, 2):
+            out, settings = Path(folder, f"1_{times}"), f"learner.episodes={times * FEW_UPDATES}"
+            cost = _used([*base, "pretrain", "--quiet", "--set", settings, "-o", str(out)])
+            runs.append((times * FEW_UPDATES, cost))
+        found = [_extrapolated("stage 1", STAGE_1_UPDATES, *runs)]
+        start, runs = f"learner.weights={folder}/1_1/pretrained.safetensors", []
+        for times in (1, 2):
+            out, settings = Path(folder, f"2_{times}"), f"world_simulator.episodes={times * FEW_EPISODES}"
+            cost = _used([*base, "refine", "--quiet", "--set", start, "--set", settings, "-o", str(out)])
+            log = (out / "refine_log.csv").read_text(encoding="utf-8").splitlines()
+            updates = float(dict(zip(log[0].split(","), log[-1].split(","), strict=True))["updates"])
+            runs.append((int(updates), cost))
+        return [*found, _extrapolated("stage 2", STAGE_2_UPDATES, *runs)]
 
 
-def _used(command: list[str]) -> tuple[float, float]:
+def _extrapolated(stage: str, whole: int, first: tuple[int, Costs], second: tuple[int, Costs]) -> Row:
+    """Return the row of a stage with `whole` updates, on the line through two runs: their updates, their costs."""
+    beyond = (whole - second[0]) / (second[0] - first[0])
+    cpu, wall = (late + beyond * (late - early) for early, late in zip(first[1], second[1], strict=True))
+    what = f"learning: {stage}, extrapolated from {first[0]} and {second[0]} of its {whole:,} updates"
+    return Row(what, f"{cpu:.0f} CPU s, {wall:.0f} s")
+
+
+def _used(command: list[str]) -> Costs:
     """Run a command of the package to its end; return the CPU time and the time that it took [s]."""
     begun, before = time.perf_counter(), os.times()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)

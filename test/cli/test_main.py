@@ -12,7 +12,8 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.cli.main import main
-from vpsci_ros.data.near_misses import write_near_misses
+from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
+from vpsci_ros.policy.policy_file import load_policy
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "params"
@@ -167,6 +168,20 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     again = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
+
+
+def test_held_out_rows_of_policies_that_may_have_learned_from_the_clips_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from vpsci_ros.cli.stages import run_evaluation
+
+    table, own = read_near_misses("right_turns"), load_policy("ma_sst_ddpg")
+    left_out = own.facts["data"]["held_out_clips"][:3]
+    part = table.filter(pl.concat_str("source", "clip", separator="/").is_in(left_out))
+    write_near_misses(part, tmp_path / "part.parquet")
+    run_evaluation(tmp_path / "part.parquet", "near-misses", ["ma_sst_ddpg"], None, held_out=True)
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
+    assert notes == ["note: people may have learned from 3 of these 3 clips, so its row is not held out"]
 
 
 @pytest.mark.parametrize(("error", "status"), [("", 0), ("3 answers of vehicle_policy are missing", 1)])

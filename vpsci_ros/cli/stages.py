@@ -1,7 +1,7 @@
 """Stages 1 and 2 and the evaluation as commands in one process: they read parameters and write files."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +10,13 @@ from rich.console import Console
 
 from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
-from vpsci_ros.data.near_misses import corpus_files, read_near_misses, table_hash
+from vpsci_ros.data.near_misses import clips_of, corpus_files, read_near_misses, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.evaluation.errors import evaluate
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.policy.policy_file import SHIPPED, load_policy, named_policies
+from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.report.learning import save_learning
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import Sections
@@ -108,6 +108,7 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
     learned = table["interaction"].n_unique() - kept_out["interaction"].n_unique()
     if held_out:
         table = kept_out
+        _warn_of_seen(clips_of(table), {name: own for name, own in weights.items() if name not in given})
     elif kept_out.height and learned:
         print(f"note: {learned} near misses here are of clips that weights have learned from; see --held-out")
     with Bars(f"measuring {table['interaction'].n_unique():,} near misses"):
@@ -122,6 +123,16 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
     print_errors(result, Console())
     if json_path is not None:
         print(f"written: {json_path}")
+
+
+def _warn_of_seen(clips: Sequence[str], others: Mapping[str, Policy]) -> None:
+    """Print which policies know the source of `clips` and have not held these out, so may have learned from them."""
+    for name, own in others.items():
+        kept = set(own.facts.get("data", {}).get("held_out_clips", []))
+        known = {clip.partition("/")[0] for clip in kept}
+        seen = sum(clip not in kept and clip.partition("/")[0] in known for clip in clips)
+        if seen:
+            print(f"note: {name} may have learned from {seen} of these {len(clips)} clips, so its row is not held out")
 
 
 def _near_misses(data: Path, form: str) -> pl.DataFrame:

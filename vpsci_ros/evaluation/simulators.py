@@ -1,4 +1,4 @@
-"""Simulators that continue recorded onsets: learned policies, the rule-based pair, constant velocity."""
+"""Simulators that continue recorded onsets: policies, the rule-based pair, constant velocity."""
 
 from collections.abc import Callable
 

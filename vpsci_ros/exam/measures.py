@@ -51,7 +51,7 @@ COLUMNS: dict[str, Column] = {
     "range": Column(
         pl.String,
         "",
-        "learned pedestrian: 'beyond' the range of its recorded onsets when it becomes critical, or 'within'; else ''",
+        "pedestrian `learned`: 'beyond' the range of its recorded onsets as it becomes critical, or 'within'; else ''",
     ),
 }
 _OLDER = {"range": ""}  # what exams from before 26 November 2026 lack

@@ -67,7 +67,7 @@ def make_report(
 
 
 def _range(learned: pl.DataFrame) -> dict[str, int] | None:
-    """Return in how many critical episodes the learned pedestrian acts beyond its range; None: it has none."""
+    """Return in how many critical episodes the pedestrian `learned` acts beyond its range; None: it has none."""
     known = learned.filter(pl.col("range") != "")
     return {"beyond": known.filter(pl.col("range") == "beyond").height, "of": known.height} if known.height else None
 

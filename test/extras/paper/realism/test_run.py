@@ -93,6 +93,7 @@ def test_one_long_recording_is_measured_by_its_groups(one_repetition: None, caps
     print_realism(found, Console(width=130))
     printed = " ".join(capsys.readouterr().out.split())
     assert "in folds by group" in printed
+    assert "…" not in printed  # no cell is cut
     assert f"Intervals: 95%, {units} resampled." in printed
     alone = find_onsets(table.with_columns(group=pl.lit(0)))
     with pytest.raises(InvalidInput, match="expected those of two vehicles or more"):

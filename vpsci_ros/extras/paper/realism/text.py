@@ -39,9 +39,9 @@ def _same_start(part: dict[str, Any], console: Console) -> None:
             )
         )
         cells = [f"{own['c2st_auc_of'][key][0]:.2f}" for key in ("vehicle", "pedestrian", "joint")]
-        families.append((name, *cells, f"{own['picked']:.0%}", _farthest(own["given_away_by"])))
+        families.append((name, *cells, f"{own['picked']:.0%}", _farthest(own["given_away_by"], 1)))
     console.print(text_table(title, heads, rows))
-    heads = ["", "vehicle", "pedestrian", "joint", "picked", "single features farthest from 0.5"]
+    heads = ["", "vehicle", "pedestrian", "joint", "picked", "single feature farthest from 0.5"]
     console.print(text_table("Features by which the classifier separates them", heads, families))
     for name, own in part.get("range", {}).items():
         acting = ", ".join(f"{who} at {count}" for who, count in own["people"].items())
@@ -66,8 +66,8 @@ def _same_start(part: dict[str, Any], console: Console) -> None:
     )
 
 
-def _farthest(given_away_by: dict[str, float]) -> str:
-    return ", ".join(f"{key} {value:.2f}" for key, value in list(given_away_by.items())[:3])
+def _farthest(given_away_by: dict[str, float], count: int) -> str:
+    return ", ".join(f"{key} {value:.2f}" for key, value in list(given_away_by.items())[:count])
 
 
 def _free(part: dict[str, Any], console: Console) -> None:
@@ -82,5 +82,5 @@ def _free(part: dict[str, Any], console: Console) -> None:
         highlight=False,
     )
     for name, (auc, low, high) in part["c2st_auc"].items():
-        single = _farthest(part["given_away_by"][name])
+        single = _farthest(part["given_away_by"][name], 3)
         console.print(f"C2ST, {name}: {auc:.2f} ({low:.2f}-{high:.2f}); {single}", highlight=False)
