@@ -101,7 +101,7 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
     paths = {name: weights_path(name) for name in SHIPPED} | given
     weights = {name: load_policy(path) for name, path in paths.items()}
     chosen = [weights[name] for name in given or SHIPPED[:1]]
-    clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in chosen))
+    clips = set.intersection(*(_held_out_of(own) for own in chosen))
     kept_out = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
     if held_out and kept_out.is_empty():
         raise InvalidInput(f"{data}: none of its clips was held out of the weights' training, by their metadata")
@@ -128,11 +128,15 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
 def _warn_of_seen(clips: Sequence[str], others: Mapping[str, Policy]) -> None:
     """Print which policies know the source of `clips` and have not held these out, so may have learned from them."""
     for name, own in others.items():
-        kept = set(own.facts.get("data", {}).get("held_out_clips", []))
+        kept = _held_out_of(own)
         known = {clip.partition("/")[0] for clip in kept}
-        seen = sum(clip not in kept and clip.partition("/")[0] in known for clip in clips)
-        if seen:
+        if seen := sum(clip.partition("/")[0] in known for clip in clips if clip not in kept):
             print(f"note: {name} may have learned from {seen} of these {len(clips)} clips, so its row is not held out")
+
+
+def _held_out_of(policy: Policy) -> set[str]:
+    """Return the clips, "source/clip", that were held out of a policy, by its metadata."""
+    return set(policy.facts.get("data", {}).get("held_out_clips", []))
 
 
 def _near_misses(data: Path, form: str) -> pl.DataFrame:
