@@ -5,13 +5,15 @@
 
 Stage 2 has 1,200 episodes, from the weights of a whole stage 1. A line for each arm and seed: collisions and both goals
 in the validation world, the mean of its last two measurements (some 170 critical episodes each, on which nothing was
-chosen), and the closed-loop ADE on held-out clips. Take several seeds: three of `base` differ by a factor of two
-in collisions. `front.png` shows all arms. An arm that the output folder holds is not repeated. Some fifteen minutes of
-a core for each arm and seed; networks 64 wide with one layer take three, and hardly learn in so few episodes.
+chosen), and the closed-loop ADE on held-out clips. The first two lines are controls: agents without any reaction (for
+the error: with the last velocity repeated), and the weights of stage 1. Take several seeds: three of `base` differ by a
+factor of two in collisions. `front.png` shows all arms. An arm that the output folder holds is not repeated. Some
+fifteen minutes of a core for each arm and seed; networks 64 wide with one layer take three, and hardly learn in so few
+episodes.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +28,9 @@ from vpsci_ros.cli.stage_inputs import stage_2_inputs
 from vpsci_ros.learning import maddpg
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import RefineConfig
-from vpsci_ros.learning.online import LOG, refine
+from vpsci_ros.learning.online import LOG, refine, validation_rates
 from vpsci_ros.policy.actor import InwardClamp
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
@@ -94,6 +97,19 @@ ARMS = {
 }
 
 
+def controls(stage_1: Path) -> list[tuple[str, list[float], float]]:
+    """Return name, rates (`RATES`) and number of critical episodes of no reaction and of stage 1."""
+    settings = [f"learner.weights={stage_1}", f"world_simulator.episodes={EPISODES}"]
+    _, _, simulation, *_ = stage_2_inputs(read_sections(PARAMS / "stage2_online.yaml", settings))
+    rows, weights = [], load_weights(stage_1)
+    for name, policy, errors in (("no reaction", None, "control"), ("stage 1", weights, "errors")):
+        rates = validation_rates(simulation, policy) | {
+            "held_out_closed_loop_ade": weights.facts["held_out"][errors]["closed_loop_ade"]
+        }
+        rows.append((name, [rates[rate] for rate in RATES], rates["validation_critical_episodes"]))
+    return rows
+
+
 def learned(name: str, seed: int, stage_1: Path, folder: Path) -> pl.DataFrame:
     """Return the log of an arm, of `folder` or learned into it."""
     arm = ARMS[name]
@@ -118,16 +134,22 @@ def main() -> None:
     print(f"stage 1: {sha256(given.weights)[:12]}; {software_versions()}")
     points = []
     print(f"{'arm':>24} seed  collisions  goals  closed-loop ADE [m]  validation episodes")
+    for name, rates, counted in controls(given.weights):
+        print(line(name, "-", rates, counted), flush=True)
     for name in given.arms:
         for seed in given.seeds:
             log = learned(name, seed, given.weights, given.output / f"{name}_{seed}")
             last = log.filter(pl.col("validation_collision_rate").is_not_null()).tail(LAST)
-            rates = last.select(RATES).to_numpy()
-            collisions, goals, error = rates.mean(axis=0) * (100.0, 100.0, 1.0)
-            counted = last["validation_critical_episodes"].sum()
-            print(f"{name:>24} {seed:4d} {collisions:10.1f}% {goals:5.1f}% {error:20.2f} {counted:20.0f}", flush=True)
-            points.append((name, float(collisions), float(error)))
+            rates = last.select(RATES).mean().row(0)
+            print(line(name, seed, rates, last["validation_critical_episodes"].sum()), flush=True)
+            points.append((name, 100.0 * rates[0], rates[2]))
     save_front(points, given.output / "front.png")
+
+
+def line(name: str, seed: object, rates: Sequence[float], counted: float) -> str:
+    """Return a line of the table."""
+    collisions, goals, error = rates
+    return f"{name:>24} {seed:>4} {100.0 * collisions:10.1f}% {100.0 * goals:5.1f}% {error:20.2f} {counted:20.0f}"
 
 
 def save_front(points: list[tuple[str, float, float]], path: Path) -> None:

@@ -219,7 +219,7 @@ def test_the_best_weights_are_those_with_the_most_goals_less_twice_the_collision
         acting.append(weights.digest())
         return {"validation_goal_rate": goal, "validation_collision_rate": collision}
 
-    monkeypatch.setattr(online, "_validation", validation)
+    monkeypatch.setattr(online, "validation_rates", validation)
     simulation = SimulationConfig(load_scenarios([1, 6]), [(s, e) for e in range(8) for s in (1, 6)], batch=1, seed=3)
     refine(near_misses, QUICK, networks(gain=1.0).weights({}, {}), simulation, out_dir=tmp_path)
     assert len(set(acting)) > 1

@@ -13,6 +13,7 @@ from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, save_weights
 from vpsci_ros.runs.identity import require_same
@@ -66,7 +67,7 @@ def refine(
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
         if done % (VALIDATE_EVERY * portion) == 0 or done == len(episodes) or refiner.finished:
-            rows[-1] |= (rates := _validation(simulation, refiner.averaged()))
+            rows[-1] |= (rates := validation_rates(simulation, refiner.averaged()))
             score = rates["validation_goal_rate"] - 2.0 * rates["validation_collision_rate"]
             if score > best:
                 best = score
@@ -83,12 +84,16 @@ def refine(
     return refined
 
 
-def _validation(simulation: SimulationConfig, weights: Weights) -> dict[str, float]:
-    """Return the rates of Table 5 of `weights` in the validation world, named `validation_...`."""
+def validation_rates(simulation: SimulationConfig, policy: Policy | None) -> dict[str, float]:
+    """Return the rates of Table 5 in the validation world, named `validation_...`.
+
+    :param simulation: the configuration of the training.
+    :param policy: of both agents; None: nobody reacts.
+    """
     count = min(VALIDATION_EPISODES, 1 + max(number for _, number in simulation.episodes))
     episodes = [(scenario.number, number) for number in range(count) for scenario in simulation.scenarios]
     world = replace(simulation, episodes=episodes, batch=min(256, len(episodes)), seed=VALIDATION_SEED, policies={})
-    return {f"validation_{name}": rate for name, rate in measure_outcomes(weights, world).rates().items()}
+    return {f"validation_{name}": rate for name, rate in measure_outcomes(policy, world).rates().items()}
 
 
 def _simulate(
