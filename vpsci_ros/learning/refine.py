@@ -4,9 +4,9 @@ The simulation replay buffer keeps a share of real experience for good; batches 
 (25)-(28), see `rewards`. The actors are trained by `objective`, see `objectives`.
 
 After every `refresh_every` updates the acting policies get the present actors. The weights that a training writes have
-the running mean of the actors that acted, which collides less than the last of these actors (docs/stage_2.md; Polyak
-and Juditsky 1992, Acceleration of Stochastic Approximation by Averaging). The mean does not act, so that it does not
-change the training.
+the running mean of the actors that acted (Polyak and Juditsky 1992, Acceleration of Stochastic Approximation by
+Averaging). The mean does not act, so that it does not change the training; while the actors still learn fast, it lags
+behind them (docs/stage_2.md).
 """
 
 import math
