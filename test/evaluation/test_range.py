@@ -86,7 +86,7 @@ def test_a_named_source_is_that_of_both_agents_of_a_graph_and_of_the_pedestrian_
 
 
 def test_realism_refuses_it_too(tmp_path: Path) -> None:
-    options = {"library": None, "weights": None, "dataset": None, "json_path": None, "output": None}
+    options = {"library": None, "onsets": None, "weights": None, "dataset": None, "json_path": None, "output": None}
     with pytest.raises(InvalidInput, match="got 'nobody'"):
         run_realism(
             data=Path("right_turns/dev"), people="nobody", held_out=False, clean=False, seed=0, quiet=True, **options

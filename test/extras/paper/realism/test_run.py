@@ -18,7 +18,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
 from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
-from vpsci_ros.extras.paper.realism.run import measure_realism
+from vpsci_ros.extras.paper.realism.run import drawn, measure_realism
 from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
@@ -41,17 +41,20 @@ def one_repetition(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(tmp_path: Path, one_repetition: None) -> None:
     place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
     table = synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place)
-    reported: list[str] = []
+    reported: list[tuple[str, int, int]] = []
 
     def measure() -> dict[str, Any]:
         options = {"parts": tmp_path, "inputs": {"weights": "1f"}}
-        options |= {"notify": lambda name, *_: reported.append(name)}
+        options |= {"notify": lambda *told: reported.append(told)}
         return measure_realism(table, {"noisy": noisy}, repetitions=1, **options)["same_start"]
 
     found = measure()
     models = found["models"]
     assert list(models) == [*CONTROLS, "noisy"]
-    assert reported == list(models)
+    assert list(dict.fromkeys(name for name, *_ in reported)) == ["onsets", *models]
+    done, total = [count for _, count, _ in reported], reported[0][2]
+    assert done == sorted(done)
+    assert total - 2 < done[-1] + 1 <= total, "the last test of the last model is under way"
     assert models["recorded"]["energy_score"] == pytest.approx(0.0, abs=1e-12)
     assert models["constant_velocity_tracked"]["of_constant_velocity"] == pytest.approx(1.0)
     assert models["recorded"]["likelihood"] > models["constant_velocity_tracked"]["likelihood"]
@@ -64,6 +67,15 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(tmp_path:
     assert measure()["models"]["noisy"] == models["noisy"], "what was measured of other weights was kept"
     path.write_text(path.read_text()[:100])
     assert measure()["models"]["noisy"] == models["noisy"], "what is damaged was kept"
+
+
+def test_the_onsets_that_are_measured_can_be_capped_and_the_seed_draws_them(onsets: Onsets) -> None:
+    few, again, other = drawn(onsets, 7, 1), drawn(onsets, 7, 1), drawn(onsets, 7, 2)
+    assert len(set(few.number)) == 7
+    assert (few.number == np.sort(few.number)).all()
+    assert (few.number == again.number).all()
+    assert (few.number != other.number).any()
+    assert drawn(onsets, None, 1) is drawn(onsets, 10**6, 1) is onsets
 
 
 def test_each_source_has_donors_of_its_own() -> None:

@@ -49,6 +49,9 @@ def realism(
         bool,
         typer.Option("--clean", help="Leave out cars that stand, tracks that begin critical, paths that stay apart."),
     ] = False,
+    onsets: Annotated[
+        int | None, typer.Option(min=2, metavar="N", help="Measure on N onsets at most, drawn by --seed.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
     json_path: Annotated[
         Path | None,
@@ -68,7 +71,7 @@ def realism(
     which the weights were not trained. With -o the same command resumes a
     stopped run.
 
-    About a minute of one core for each model.
+    Some seconds of one core for each model and hundred onsets.
     """
     options = locals()
     from vpsci_ros.extras.paper.realism.run import run_realism

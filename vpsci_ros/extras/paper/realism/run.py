@@ -24,7 +24,7 @@ from vpsci_ros.extras.paper.realism.controls import CONTROLS
 from vpsci_ros.extras.paper.realism.free import free
 from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.text import print_realism
-from vpsci_ros.extras.paper.realism.two_sample import REPETITIONS
+from vpsci_ros.extras.paper.realism.two_sample import FAMILIES, REPETITIONS
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.resources import near_misses_path, weights_path
@@ -45,6 +45,7 @@ def measure_realism(
     *,
     clean: bool = False,
     seed: int = 0,
+    most: int | None = None,
     episodes: int = 2000,
     repetitions: int = REPETITIONS,
     library: pl.DataFrame | None = None,
@@ -61,6 +62,7 @@ def measure_realism(
     :param simulators: name -> what answers onsets; the controls are added.
     :param clean: only interactions with a driving vehicle, a seen onset and paths that meet (`data.reference.clean`).
     :param seed: of everything that is drawn.
+    :param most: onsets that are measured at most, drawn by `seed`; None: all.
     :param dataset: generated episodes, for B; `episodes` of them at most, the same number of each scenario.
     :param repetitions: of the classifier's test from the same start, with draws and folds of their own.
     :param banks: those of the simulators that are banks, to tell which onsets lie beyond their ranges.
@@ -70,18 +72,22 @@ def measure_realism(
     :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
     """
     require("sklearn")  # which is needed only after much else
+    names, each = [*CONTROLS, *simulators], 1 + len(FAMILIES)  # of a model: its roll-outs, and the tests
+    total = each * len(names) + (dataset is not None)
+    notify("onsets", 0, total)
     if taken := sorted(set(simulators) & set(CONTROLS)):
         raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
     chosen = [reference.clean(t) if clean else t for t in (table, library) if t is not None]
-    onsets = find_onsets(chosen[0])
+    onsets = drawn(find_onsets(chosen[0]), most, seed)
     borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
     same_start = SameStart(onsets, borrowed, seed, repetitions)
     wanted = same_start.controls() | dict(simulators)
     kept = partial(_kept, parts, dict(inputs or {}))
     models: dict[str, Any] = {}
-    for done, (name, simulate) in enumerate(wanted.items()):
-        notify(name, done, len(wanted) + (dataset is not None))
-        models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate))
+    for number, (name, simulate) in enumerate(wanted.items()):
+        tell = partial(_tell, notify, name, each * number, total)
+        tell(0)
+        models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate, tell))
     clips, missing = len(set(onsets.clip)), same_start.missing
     part = {"interactions": len(onsets), "clips": clips, "units": same_start.units.text, "not_in_library": missing}
     part["models"] = models
@@ -104,8 +110,19 @@ def _range(bank: Bank, onsets: Onsets, people: str) -> dict[str, Any]:
     }
 
 
-def _measured(same_start: SameStart, simulate: Simulator) -> dict[str, Any]:
-    return same_start.measure(simulate(same_start.onsets))
+def drawn(onsets: Onsets, most: int | None, seed: int) -> Onsets:
+    """Return `most` of the onsets, drawn by `seed` and in their order; None: all."""
+    if most is None or most >= len(onsets):
+        return onsets
+    return onsets.take(np.sort(np.random.default_rng(seed).permutation(len(onsets))[:most]))
+
+
+def _tell(notify: Notify, name: str, before: int, total: int, done: int) -> None:
+    notify(name, before + done, total)
+
+
+def _measured(same_start: SameStart, simulate: Simulator, tell: Callable[[int], None]) -> dict[str, Any]:
+    return same_start.measure(simulate(same_start.onsets), tell)
 
 
 def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -131,6 +148,7 @@ def run_realism(
     dataset: Path | None,
     held_out: bool,
     clean: bool,
+    onsets: int | None,
     seed: int,
     json_path: Path | None,
     output: Path | None,
@@ -158,6 +176,7 @@ def run_realism(
         "clean": clean,
         "held_out": held_out,
         "seed": seed,
+        "onsets": onsets or 0,
         "models": list(simulators),
         "people": people or "",
         "data": str(data),
@@ -175,6 +194,7 @@ def run_realism(
             simulators,
             clean=clean,
             seed=seed,
+            most=onsets,
             library=read_near_misses(library or near_misses_path(data)),
             dataset=made,
             banks=banks,

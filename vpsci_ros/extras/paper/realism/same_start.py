@@ -4,6 +4,7 @@ Both agents set out from the first step at which CurvTTC, as known then, is belo
 and run for 3 s. `constant_velocity_tracked`, `constant_turn`, `social_force` and `residual_sampler` are the controls.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from vpsci_ros.extras.paper.realism.motion import motion, with_onset
 from vpsci_ros.extras.paper.realism.two_sample import FAMILIES, REPETITIONS, family, two_sample
 
 DRAWS = 2  # of the roll-outs of each onset that the classifier sees in a repetition
-FAMILY_REPETITIONS = 3
+FAMILY_REPETITIONS = 1
 
 Floats = NDArray[np.float64]
 
@@ -65,10 +66,12 @@ class SameStart:
             onsets, self._library, self._middle, self._middle if same else tracked(self._library)
         )  # fmt: skip
 
-    def measure(self, positions: Floats) -> dict[str, Any]:
+    def measure(self, positions: Floats, tell: Callable[[int], None] = lambda _: None) -> dict[str, Any]:
         """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by `units`.
 
         The recording itself, given as roll-outs, shows how far the classifier separates by the borrowed noise alone.
+
+        :param tell: called with 1, 2, .. before the test of each of `FAMILIES`.
         """
         onsets = self.onsets
         scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)
@@ -76,16 +79,16 @@ class SameStart:
         touched = contact.any(axis=-1).mean(axis=1)
         made = [self._seen(positions, self._seed + k) for k in range(self._repetitions)]
         units, families = (self.units.labels, self.units.labels), min(FAMILY_REPETITIONS, self._repetitions)
-        tests = {
-            name: two_sample(
+        tests = {}
+        for done, name in enumerate(FAMILIES, start=1):
+            tell(done)
+            tests[name] = two_sample(
                 family(self._real, name),
                 [family(one, name) for one in made],
                 units,
                 self._seed,
                 repetitions=self._repetitions if name == "all" else families,
             )
-            for name in FAMILIES
-        }
         first = tests["all"]
         low, high = (end.mean() for end in self._ends)
         return {

@@ -60,7 +60,7 @@ def _same_start(part: dict[str, Any], console: Console) -> None:
     units = part.get("units", f"{part['clips']} clips")  # a run of an earlier version has none
     console.print(
         "Energy score: proper, best for the true distribution; the ADE for one roll-out. C2ST: area under the curve of "
-        f"a classifier in folds by {units.split()[1].removesuffix('s')}, mean of ten ± deviation, 0.5 is perfect; "
+        f"a classifier in folds by {units.split()[1].removesuffix('s')}, mean of six ± deviation, 0.5 is perfect; "
         f"recorded: recordings with another's shake. Intervals: 95%, {units} resampled.",
         highlight=False,
     )

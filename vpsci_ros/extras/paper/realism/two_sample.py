@@ -16,7 +16,7 @@ from vpsci_ros.evaluation.statistics import cluster_counts, interval
 Floats = NDArray[np.float64]
 Labels = tuple[NDArray[np.str_], NDArray[np.str_]]
 FOLDS = 5
-REPETITIONS = 10  # one alone has a standard deviation of 0.02 to 0.05
+REPETITIONS = 6  # one alone has a standard deviation of 0.01 to 0.02
 FAMILIES = ("all", "vehicle", "pedestrian", "joint")
 
 
@@ -94,6 +94,7 @@ def _wins(real: Floats, made: Floats) -> Floats:
 
 
 def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str_], seed: int) -> Floats:
+    from sklearn import config_context
     from sklearn.ensemble import GradientBoostingClassifier
     from sklearn.model_selection import StratifiedGroupKFold
 
@@ -104,9 +105,10 @@ def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str
     folds = StratifiedGroupKFold(count, shuffle=True, random_state=seed)
     for training, held in folds.split(x, y, owner):
         model = GradientBoostingClassifier(
-            n_estimators=150, max_depth=3, subsample=0.7, max_features=8, random_state=seed
+            n_estimators=75, learning_rate=0.2, max_depth=3, subsample=0.7, max_features=8, random_state=seed
         )
-        model.fit(x[training], y[training], sample_weight=weight[training])
+        with config_context(skip_parameter_validation=True, assume_finite=True):  # checks of each tree: a fifth
+            model.fit(x[training], y[training], sample_weight=weight[training])
         scores[held] = model.decision_function(x[held])
     return scores
 
@@ -116,6 +118,6 @@ def _interval(wins: Floats, units: Labels, seed: int) -> tuple[float, float]:
     names, owner = np.unique(np.concatenate(units), return_inverse=True)
     sides = [np.eye(len(names))[part] for part in (owner[: len(wins)], owner[len(wins) :])]
     drawn = cluster_counts(np.arange(len(names)), seed)
-    sums = np.einsum("rc,cd,rd->r", drawn, sides[0].T @ wins @ sides[1], drawn)
+    sums = ((drawn @ (sides[0].T @ wins @ sides[1])) * drawn).sum(axis=1)
     pairs = (drawn @ sides[0].sum(axis=0)) * (drawn @ sides[1].sum(axis=0))
     return interval(np.divide(sums, pairs, out=np.full(len(sums), np.nan), where=pairs > 0.0))
