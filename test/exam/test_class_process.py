@@ -17,7 +17,7 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import World, WorldConfig, load_scenario
 
 Drive = Callable[..., list[Answer]]
-ONE = Answer("vehicle", [1.0, 0.0])
+ONE = Answer("vehicle", (1.0, 0.0))
 
 
 def a_scene(car: int = 0) -> Scene:
@@ -109,6 +109,47 @@ def test_whatever_is_raised_or_returned_is_the_answer_to_that_scene_alone(drive:
     ] * len(RAISED)
     assert [answer.refused for answer in answers[::2]] == [way.startswith("return") for way in RAISED]
     assert answers[1::2] == [ONE] * len(RAISED)
+
+
+SENT = {
+    '["vehicle", [-1000.0, 0.0], "", "", false]': "act returned [-1000.0, 0.0]; expected an acceleration along the car",
+    '["vehicle", [NaN, 0.0], "", "", false]': "act returned [nan, 0.0]; expected",
+    '["vehicle", ["x"], "", "", false]': "act returned ['x']; expected",
+    '["vehicle", [1.0, 0.0, 3.0, 4.0], "", "", false]': "act returned [1.0, 0.0, 3.0, 4.0]; expected",
+}
+UNREADABLE = {
+    '["other", [1.0, 0.0], "", "", false]': "its process sent ['other', [1.0, 0.0], '', '', False], which is no answer",
+    '["vehicle_control", [1.0, 0.0], "", "", false]': "its process sent ['vehicle_control', [1.0, 0.0], '', '', F",
+    '["", [], "", "", false]': "its process sent ['', [], '', '', False], which is no answer",
+    "[" * 100_000: "its process sent what is no JSON",
+}
+
+
+def test_a_wrong_command_that_did_not_pass_the_check_in_its_process_loses_that_scene_alone(drive: Drive) -> None:
+    before = f"import json\nTEXTS = iter({[*SENT]!r})\nREAL = json.dumps"
+    answers = drive(mine("json.dumps = lambda *a, **k: next(TEXTS, None) or REAL(*a, **k)", before), ticks=3)
+    assert [answer.error.startswith(said) for answer, said in zip(answers, SENT.values(), strict=False)] == [True] * 4
+    assert [(answer.form, answer.values, answer.refused) for answer in answers[:4]] == [("", (), True)] * 4
+    assert answers[4:] == [ONE] * 2
+
+
+@pytest.mark.parametrize("sent", UNREADABLE)
+def test_a_process_that_sends_what_is_no_answer_is_given_up_with_what_it_sent(drive: Drive, sent: str) -> None:
+    answers = drive(mine("json.dumps = lambda *a, **k: TEXT", f"import json\nTEXT = {sent!r}"), ticks=2)
+    assert [answer.error.startswith(UNREADABLE[sent]) for answer in answers] == [True] * 4
+
+
+def test_a_process_that_answers_more_often_than_it_is_asked_is_given_up(drive: Drive) -> None:
+    twice = "real = json.dumps\nhere = [o for o in gc.get_objects() if isinstance(o, Connection)]"
+    act = "here[0].send_bytes(real(['vehicle', [9.0, 0.0], '', '', False]).encode())"
+    answers = drive(mine(act, f"import gc, json\nfrom multiprocessing.connection import Connection\n{twice}"), ticks=2)
+    assert [answer.error for answer in answers[2:]] == ["its process answered before it was asked"] * 2
+
+
+@pytest.mark.parametrize("sent", ["5", '{"refused": 1}', '"x'])
+def test_a_process_that_does_not_say_which_class_it_has_is_refused_in_words(drive: Drive, sent: str) -> None:
+    with pytest.raises(InvalidInput, match="while its module was imported, its process sent what it may not"):
+        drive(mine("", f"import json; json.dumps = lambda *a, **k: {sent!r}"))
 
 
 def test_what_it_writes_into_what_it_sees_moves_nobody(drive: Drive) -> None:

@@ -25,6 +25,8 @@ from vpsci_ros.world import World, WorldConfig, load_scenario
         ([[1.0], [1.0, 2.0]], "act returned "),
         (10**400, "act returned "),
         ([1.0] * 4, "expected an acceleration along the car"),
+        ([[1.0], [2.0]], "expected an acceleration along the car"),
+        (np.zeros((1, 3)), "expected an acceleration along the car"),
     ],
 )
 def test_what_is_no_command_is_refused_as_the_topics_refuse_it(answer: Any, said: str) -> None:

@@ -18,8 +18,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.exam.driver_class import Answer, Cockpit, Scene, find_driver
+from vpsci_ros.exam.driver_class import Answer, Cockpit, Scene, find_driver, received_answer
 from vpsci_ros.exam.process import failure
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
@@ -38,7 +39,7 @@ class ClassProcess:
     """The process in which a driving system's class answers.
 
     :param patience: for an answer [s].
-    :ivar path: of the file that defines the class; empty: there is none.
+    :ivar path: of the file that defines the class, as the process gives it; empty: there is none.
     :raises InvalidInput: the class cannot be found or made.
     """
 
@@ -58,18 +59,34 @@ class ClassProcess:
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
         """Yield the answer to each scene, in their order; after the process has ended, each answer is an error."""
+        self._require_nothing_ahead()
         with contextlib.suppress(OSError):
             self._connection.send(scenes)
         for _ in scenes:
             yield self._answer()
 
+    def _require_nothing_ahead(self) -> None:
+        """Give a process up that has sent more answers than it was asked for: the next one would be a wrong one."""
+        if self._ended or not self._connection.poll(0.0):
+            return
+        with contextlib.suppress(EOFError, OSError):  # it has ended, which reading its answer shows
+            self._connection.recv_bytes(_LONGEST)
+            self._give_up("its process answered before it was asked")
+
     def _answer(self) -> Answer:
         if not self._ended:
-            with contextlib.suppress(ValueError, TypeError):
-                return Answer(*self._received())
-            self._ended = self._ended or "its process sent what is no answer"
-            self._process.signal(signal.SIGKILL)
+            try:
+                return received_answer(self._received())
+            except InvalidInput as error:
+                self._give_up(str(error))
+            except (ValueError, RecursionError):
+                self._give_up("its process sent what is no JSON")
         return Answer(error=self._ended)
+
+    def _give_up(self, why: str) -> None:
+        """Kill the process; `_ended` says why, unless it is known already."""
+        self._ended = self._ended or why
+        self._process.signal(signal.SIGKILL)
 
     def _received(self) -> Any:
         """Return what the process says next.
@@ -100,13 +117,17 @@ class ClassProcess:
 
         :raises InvalidInput: it has refused the class, or has ended.
         """
-        try:
+        found: Any = None
+        with contextlib.suppress(ValueError, RecursionError):
             found = self._received()
-        except ValueError:
-            raise InvalidInput(f"--ads-class: {when}, {self._ended}") from None
-        if "refused" in found:
-            raise InvalidInput(found["refused"])
-        return found.get("path", "")
+        match found:
+            case {"refused": str(reason)}:
+                raise InvalidInput(printable(reason))
+            case {"path": str(path)}:
+                return path
+            case {} if isinstance(found, dict) and not found:
+                return ""
+        raise InvalidInput(f"--ads-class: {when}, {self._ended or 'its process sent what it may not'}")
 
 
 @contextlib.contextmanager
@@ -137,7 +158,7 @@ def files_of_class(text: str) -> dict[str, str]:
     """
     with tempfile.TemporaryDirectory() as folder, class_process(text, Path(folder) / "log", 60.0) as process:
         path = Path(process.path)
-        return {path.name: sha256(path)} if process.path else {}
+        return {path.name: sha256(path)} if path.is_file() else {}
 
 
 def main(descriptor: int, text: str) -> None:

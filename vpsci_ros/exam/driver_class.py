@@ -109,14 +109,16 @@ def command_of_answer(answer: Any) -> tuple[str, tuple[float, ...]]:
 
 
 def _numbers(answer: Any) -> tuple[float, ...]:
-    """Return the numbers of an answer; none where it holds anything else, such as texts or truth values."""
+    """Return the number or the row of numbers of an answer; () for anything else, such as texts or truth values."""
     if isinstance(answer, list | tuple) and any(isinstance(value, bool | np.bool_) for value in answer):
         return ()
     try:
         array = np.asarray(answer)
     except (TypeError, ValueError):  # lists of different lengths
         return ()
-    return tuple(array.astype(np.float64).ravel().tolist()) if array.dtype.kind in "iuf" else ()
+    if array.ndim > 1 or array.dtype.kind not in "iuf":
+        return ()
+    return tuple(array.astype(np.float64).ravel().tolist())
 
 
 def as_odometry(record: np.void, agent: str) -> PlanarMotion:
@@ -200,6 +202,24 @@ class Answer(NamedTuple):
     error: str = ""
     trace: str = ""
     refused: bool = False
+
+
+def received_answer(values: Any) -> Answer:
+    """Return the `Answer` that another process sent as JSON; a command that `act` may not return is refused.
+
+    :raises InvalidInput: it is no answer.
+    """
+    match values:
+        case ["", _, str(error), str(trace), bool(refused)] if error:
+            return Answer(error=printable(error)[:_SHOWN], trace=trace[-_TRACED:], refused=refused)
+        case [form, list(command), _, _, _] if form in [*_FORMS]:
+            try:
+                found, numbers = command_of_answer(command)
+            except InvalidInput as problem:
+                return Answer(error=said(problem), refused=True)
+            if found == form:
+                return Answer(form, numbers)
+    raise InvalidInput(f"its process sent {shown(values)[:_SHOWN]}, which is no answer")
 
 
 Answers = Callable[[Sequence[Scene]], Iterable[Answer]]
