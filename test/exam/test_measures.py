@@ -10,7 +10,7 @@ import pytest
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import episode_table, time_lost, worst_first
+from vpsci_ros.exam.measures import episode_table, worst_first
 from vpsci_ros.exam.report import make_report, value_of
 from vpsci_ros.exam.result import Conduct, RunResult
 from vpsci_ros.exam.scores import MEASURES, difference, estimate
@@ -91,13 +91,34 @@ def test_the_least_curvttc_is_capped_at_its_horizon_and_missing_answers_are_not_
     assert (found["critical"], found["conflict"], found["severe_conflict"]) == (True, True, False)
 
 
-def test_time_lost_is_the_delay_at_the_place_that_was_reached():
-    alone = drive(np.full(201, 4.0), outcome="timeout")
-    stopped = drive(np.concatenate([np.full(40, 4.0), np.zeros(60), np.full(101, 4.0)]), outcome="timeout")
-    assert row(stopped, [alone])["time_lost"] == pytest.approx(3.0, abs=1e-3)
-    assert row(alone, [alone])["time_lost"] == pytest.approx(0.0, abs=1e-3)
-    assert time_lost(np.zeros(101), np.linspace(0.0, 20.0, 101), 0.05) == pytest.approx(5.0), "it never sets off"
+def along(places, outcome="timeout"):
+    """A car that is at these arc lengths of its lane [m], a frame each."""
+    lane = SCENARIO.vehicle.path
+    xy = np.array([lane.at(s) for s in places])
+    speeds = np.append(np.diff(places) / PERIOD, 0.0)
+    return dataclasses.replace(drive(speeds, outcome=outcome), x=xy[:, 0], y=xy[:, 1])
+
+
+def test_time_lost_ends_at_the_goal_and_is_the_delay_to_a_tick():
+    goal = SCENARIO.vehicle.goal
+    alone = along(np.linspace(goal - 10.0, goal + 30.0, 201))  # at the goal in frame 50, and far beyond it
+    assert row(alone, [alone])["time_lost"] == 0.0
+    waited = along(np.concatenate([np.full(60, goal - 10.0), np.linspace(goal - 10.0, goal + 1.0, 56)]), "goal")
+    assert row(waited, [alone])["time_lost"] == pytest.approx(60 * PERIOD), "it ends a tick after the goal"
+    shorter = along(np.linspace(goal - 10.0, goal + 2.0, 61), "goal")
+    assert row(shorter, [alone])["time_lost"] == 0.0, "the same motion, whenever the episode ends"
+    hurried = along(np.linspace(goal - 10.0, goal + 10.0, 51))
+    assert row(hurried, [alone])["time_lost"] == pytest.approx(-25 * PERIOD), "a driver that hurries gains time"
+
+
+def test_a_car_that_no_longer_arrives_loses_the_time_up_to_the_end():
+    goal = SCENARIO.vehicle.goal
+    alone, stands = along(np.linspace(goal - 10.0, goal + 30.0, 201)), along(np.full(201, goal - 10.0))
+    found = row(stands, [alone])
+    assert not found["arrived"]
+    assert found["time_lost"] == pytest.approx((200 - 50) * PERIOD)
     assert math.isnan(row(alone)["time_lost"]), "no reference"
+    assert math.isnan(row(alone, [stands])["time_lost"]), "alone it does not arrive"
 
 
 def table(**collisions):

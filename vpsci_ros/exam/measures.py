@@ -40,7 +40,7 @@ COLUMNS: dict[str, Column] = {
     "hardest_braking": Column(pl.Float64, "m/s2", "largest deceleration from one frame to the next"),
     "hard_braking": Column(pl.Boolean, "", "it was above the threshold"),
     "yielded": Column(pl.String, "", "who gave way: nobody, vehicle, pedestrian, both"),
-    "time_lost": Column(pl.Float64, "s", "later than alone on the road at the place reached; NaN after a collision"),
+    "time_lost": Column(pl.Float64, "s", "later at its goal than alone on the road, or up to the end without an arrival"),
     "parked_collision": Column(pl.Boolean, "", "the vehicle ran into a parked one"),
     "lane_departure": Column(pl.Float64, "m", "largest distance of the vehicle's centre from the middle of its lane"),
     "left_lane": Column(pl.Boolean, "", "its centre was beyond an edge of the lane"),
@@ -92,7 +92,7 @@ def episode_table(
     :param alone: the same driver on the same episodes without pedestrians: the reference of the time lost.
     :param reach: float64[4, 5], the range of the pedestrian's recorded onsets, see `vpsci_ros.policy.onset_range`.
     """
-    reference = {episode.key: episode.path for episode in alone}
+    reference = {episode.key: arrival(episode.filled()) for episode in alone}
     rows = []
     for episode, code in zip(run.episodes, yields(run.episodes), strict=True):
         collided, crashed = episode.outcome == _COLLISION, episode.outcome == _PARKED_COLLISION
@@ -103,7 +103,9 @@ def episode_table(
         braking = float(np.max(-np.diff(speed), initial=0.0)) / period
         impact = float(speed[-1]) if collided else math.nan
         departure, half = lane_departure(driven)
-        lost = math.nan if collided or crashed else time_lost(path, reference.get(episode.key), period)
+        there = arrival(driven)
+        until = (len(speed) - 1) * period if there is None else there
+        before = None if collided or crashed else reference.get(episode.key)
         rows.append(
             {
                 "driver": driver,
@@ -111,8 +113,8 @@ def episode_table(
                 "scenario": episode.key[0],
                 "episode": episode.number,
                 "outcome": episode.outcome,
-                "arrived": (there := arrived(driven)),
-                "stood_still": not (there or collided or crashed) and float(speed[-1]) < STANDS,
+                "arrived": there is not None,
+                "stood_still": there is None and not (collided or crashed) and float(speed[-1]) < STANDS,
                 "duration": (len(speed) - 1) * period,
                 "driven": float(path[-1]),
                 "collision": collided,
@@ -125,7 +127,7 @@ def episode_table(
                 "hardest_braking": braking,
                 "hard_braking": braking > HARD_BRAKING,
                 "yielded": YIELDED[code],
-                "time_lost": lost,
+                "time_lost": math.nan if before is None else until - before,
                 "parked_collision": crashed,
                 "lane_departure": departure,
                 "left_lane": departure > half,
@@ -139,12 +141,13 @@ def episode_table(
     return pl.DataFrame(rows, schema={name: column.dtype for name, column in COLUMNS.items()})
 
 
-def arrived(episode: Episode) -> bool:
-    """Return whether the vehicle has reached its goal when the episode ends."""
-    if episode.outcome == OUTCOME_NAMES[GOAL] or episode.scenario is None:
-        return episode.outcome == OUTCOME_NAMES[GOAL]
+def arrival(episode: Episode) -> float | None:
+    """Return the time [s] at which the vehicle is at its goal; None: it is not there when the episode ends."""
+    if episode.scenario is None:
+        return (len(episode) - 1) * episode.period if episode.outcome == OUTCOME_NAMES[GOAL] else None
     lane = episode.scenario.vehicle
-    return lane.path.locate(float(episode.x[-1]), float(episode.y[-1]))[0] >= lane.goal
+    there = lane.path.follow(episode.x, episode.y) >= lane.goal
+    return int(there.argmax()) * episode.period if there.any() else None
 
 
 def lane_departure(episode: Episode) -> tuple[float, float]:
@@ -160,19 +163,3 @@ def lane_departure(episode: Episode) -> tuple[float, float]:
     here = np.hypot(apart[..., 0], apart[..., 1]).argmin(axis=1)
     beside = ahead[here, 0] * apart[range(len(here)), here, 1] - ahead[here, 1] * apart[range(len(here)), here, 0]
     return float(np.abs(beside).max()), 0.5 * lane.lane_width
-
-
-def time_lost(path: Floats, alone: Floats | None, period: float) -> float:
-    """Return the delay [s] of the vehicle at its last position, compared with an empty road.
-
-    Unlike the time to a goal it is defined for a vehicle that has not arrived when its episode ends.
-
-    :param path: float64[T], metres driven by each frame; `alone` float64[S] likewise on the empty road, or None.
-    :returns: NaN without a reference.
-    """
-    if alone is None:
-        return math.nan
-    frame = float(np.interp(path[-1], alone, np.arange(len(alone))))
-    if path[-1] <= alone[0]:
-        frame = 0.0
-    return (len(path) - 1 - frame) * period

@@ -73,8 +73,8 @@ MEASURES = {
                 "share of episodes at whose end the vehicle stands, short of its goal and without a contact",
                 pl.col("stood_still")),
         Measure("time_lost", "time lost", "s",
-                "mean, of episodes without a contact: how much later it is at the place that it reaches than the same "
-                "driver is there with nobody on the road", pl.col("time_lost"), pl.col("time_lost").is_not_nan(),
+                "mean, of episodes without a contact: how much later it is at its goal than the same driver with nobody on "
+                "the road; without an arrival, up to the end of the episode", pl.col("time_lost"), pl.col("time_lost").is_not_nan(),
                 statistics.mean),
         Measure("pedestrian_yield_rate", "only the pedestrian yielded", "",
                 "share of critical episodes without a contact in which the pedestrian gave way and the vehicle did not",

@@ -46,6 +46,12 @@ class Path:
         nearest = int(np.argmin(np.hypot(self.points[:, 0] - x, self.points[:, 1] - y)))
         return project(self.points[None], 0, len(self.points), self.step, x, y, nearest * self.step)
 
+    def follow(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the arc lengths float64[T] [m] of consecutive places float64[T] [m], each searched around the last."""
+        out = np.empty(len(x))
+        _follow(self.points[None], len(self.points), self.step, x, y, self.locate(float(x[0]), float(y[0]))[0], out)
+        return out
+
     def beside(self, s: float, left: float) -> tuple[float, float]:
         """Return the point (x, y) [m] at arc length `s`, `left` [m] to the left of the path."""
         (x, y), heading = self.at(s), self.heading(s)
@@ -149,6 +155,13 @@ def project(points, row, count, step, x, y, near):  # type: ignore[no-untyped-de
         u = min(max(u, 0.0), 1.0)  # outside a corner: the corner itself is nearest
     left = (ux * dy - uy * dx) / math.sqrt(square)
     return (i + u) * step, left
+
+
+@kernel
+def _follow(points, count, step, x, y, near, out):  # type: ignore[no-untyped-def]
+    for i in range(x.size):
+        near, _ = project(points, 0, count, step, x[i], y[i], near)
+        out[i] = near
 
 
 @kernel
