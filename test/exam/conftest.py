@@ -20,7 +20,13 @@ EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
 def small(ads_class: str = EXAMPLE, *, bags: bool = False, recorded: str = "", **world: Any) -> Exam:
     """Return an exam of four episodes with the default pedestrian and the walker, without the baseline."""
     short = {"scenarios": [1, 104], "episodes": 2, "episode_time": 3.0} | world
-    chosen = {"pedestrians": ["learned", "walker"], "baseline": False, "bags": bags, "recorded": recorded}
+    chosen = {
+        "pedestrians": ["learned", "walker"],
+        "baseline": False,
+        "allow_standing": True,
+        "bags": bags,
+        "recorded": recorded,
+    }
     sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", chosen)
     return prepare(sections, ads_class=ads_class)
 

@@ -30,7 +30,7 @@ from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
 
 SHORT = {"scenarios": [1], "episodes": 4, "episode_time": 2.0}
-EXAM = {"pedestrians": ["walker"], "baseline": False}
+EXAM = {"pedestrians": ["walker"], "baseline": False, "allow_standing": True}
 
 
 def exam(**world: Any) -> Exam:
@@ -60,7 +60,7 @@ def test_the_same_system_again_changes_nothing(home: Path, tmp_path: Path) -> No
     criteria = ["newly_failed > 0", "fixed > 0", "moving_collision_rate_change_low > 0"]
     reasons, row = again(home, tmp_path, *criteria, against=home / "yesterday")
     assert (reasons, row["fixed"], row["newly_failed"], row["same"], row["episodes"]) == ([], [], [], 4, 4)
-    assert row["differences"]["time_lost"]["value"] == 0.0
+    assert row["differences"]["arrived_rate"]["value"] == 0.0
 
 
 def test_what_failed_before_and_does_not_now_is_fixed_and_the_other_way_round(home: Path, tmp_path: Path) -> None:
@@ -90,7 +90,8 @@ def test_what_failed_before_and_does_not_now_is_fixed_and_the_other_way_round(ho
 def rows(*failing: int) -> pl.DataFrame:
     columns = {"outcome": "goal", "driven": 5.0, "duration": 6.0, "impact_speed": 1.0, "hardest_braking": 1.0,
                "driver": ADS, "pedestrian": "walker", "scenario": 1, "collision": False, "conflict": False,
-               "severe_conflict": False, "hard_braking": False, "time_lost": 1.0, "critical": True}  # fmt: skip
+               "severe_conflict": False, "hard_braking": False, "arrived": True, "time_lost": 1.0,
+               "critical": True}  # fmt: skip
     failed = [number in failing for number in range(10)]
     return pl.DataFrame({"episode": range(10), "moving_collision": failed, "least_curvttc": 1.0}).with_columns(
         pl.lit(value).cast(pl.Int64 if name == "scenario" else None or type(value)).alias(name)
@@ -120,19 +121,22 @@ def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_wh
 ) -> None:
     criterion = {"criterion": "newly_failed > 0", "pedestrian": "walker", "value": 2.0, "failed": True}
     report = {"exam": {"ads": "new.py"}, "failures": ["newly_failed > 0: 2"], "criteria": [criterion],
-              "conduct": {"walker": {"failure": ""}}, "against": verdict}  # fmt: skip
+              "conduct": {"walker": {"failure": ""}}, "against": verdict, "alone": {"arrived": 10, "of": 10},
+              "drivers": {"ads": {"walker": {"episodes": 10, "arrived_rate": {"value": 0.9}}}}}  # fmt: skip
     write_verdict(tmp_path, report, rows(1, 4, 9), "")
     of = "vpsci ads-test.walker"
     assert cases(tmp_path / "junit.xml") == {
         ("vpsci ads-test.exam", "every episode was driven"): [],
+        ("vpsci ads-test.exam", "arrived in 10 of 10 episodes on the empty road"): [],
         ("vpsci ads-test.exam", "newly_failed > 0 @walker"): ["failure"],
+        (of, "arrived in 9 of 10 episodes"): [],
         (of, "1:2"): [], (of, "1:3"): [], (of, "1:4"): ["failure"], (of, "1:9"): ["failure"], (of, "1:1"): ["skipped"],
     }  # fmt: skip
     counts = [
         (suite.get("tests"), suite.get("failures"), suite.get("skipped"))
         for suite in ET.parse(tmp_path / "junit.xml").getroot()
     ]
-    assert counts == [("2", "1", "0"), ("5", "2", "1")]
+    assert counts == [("3", "1", "0"), ("6", "2", "1")]
     assert "| walker, does not react | 10 | 10 | 2 | 2 | 1 |" in (tmp_path / "summary.md").read_text()
     assert "Newly broken: walker 1:4, walker 1:9\n" in (tmp_path / "summary.md").read_text()
 
@@ -151,11 +155,13 @@ def cases(junit: Path) -> dict[tuple[str | None, str | None], list[str]]:
 
 def test_an_exam_without_an_earlier_one_leaves_its_verdict_for_ci_too(home: Path, tmp_path: Path) -> None:
     shutil.copytree(home / "yesterday", tmp_path / "today")
-    reasons = run_exam(exam(), tmp_path / "today", ["moving_collision_rate >= 0", "time_lost > 1e6"], quiet=True)
+    reasons = run_exam(exam(), tmp_path / "today", ["moving_collision_rate >= 0", "collision_rate > 1"], quiet=True)
     assert cases(tmp_path / "today" / "junit.xml") == {
         ("vpsci ads-test.exam", "every episode was driven"): [],
+        ("vpsci ads-test.exam", "arrived in 0 of 4 episodes on the empty road"): [],
+        ("vpsci ads-test.walker", "arrived in 0 of 4 episodes"): [],
         ("vpsci ads-test.exam", "moving_collision_rate >= 0 @walker"): ["failure"],
-        ("vpsci ads-test.exam", "time_lost > 1e6 @walker"): [],
+        ("vpsci ads-test.exam", "collision_rate > 1 @walker"): [],
         ("vpsci ads-test.walker", "4 episodes, none of which fails"): [],
     }
     summary = (tmp_path / "today" / "summary.md").read_text()
@@ -165,19 +171,53 @@ def test_an_exam_without_an_earlier_one_leaves_its_verdict_for_ci_too(home: Path
 
 def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_criteria_alone(tmp_path: Path) -> None:
     half = {"value": 0.3, "low": 0.1, "high": 0.6, "n": 10}
-    row = {"collision_rate": half, "moving_collision_rate": half, "conflict_rate": half,
+    row = {"collision_rate": half, "moving_collision_rate": half, "conflict_rate": half, "arrived_rate": half,
            "time_lost": {"value": None, "low": None, "high": None, "n": 0}}  # fmt: skip
     report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {"walker": {"failure": ""}},
-              "failure": "moving_collision", "drivers": {"ads": {"walker": {"episodes": 10} | row}}}  # fmt: skip
+              "failure": "moving_collision", "alone": None,
+              "drivers": {"ads": {"walker": {"episodes": 10} | row}}}  # fmt: skip
     write_verdict(tmp_path, report, rows(1, 4, 9), "view.html")
     assert cases(tmp_path / "junit.xml") == {
         ("vpsci ads-test.exam", "every episode was driven"): [],
+        ("vpsci ads-test.walker", "arrived in 3 of 10 episodes"): [],
         ("vpsci ads-test.walker", "10 episodes, 3 of which fail"): [],
     }
     summary = (tmp_path / "summary.md").read_text()
     share = "30.00 [10.00, 60.00] %"
-    assert f"| walker, does not react | 10 | 3 | {share} | {share} | {share} | - |\n" in summary
+    assert f"| walker, does not react | 10 | 3 | {share} | {share} | {share} | {share} | - |\n" in summary
     assert "Failing: [walker 1:1](view.html#a=ads-walker&b=autopilot-walker&episode=1:1), [walker 1:4](" in summary
+
+
+STANDS = """
+class MyDriver:
+    def reset(self, begin):
+        pass
+
+    def act(self, observation):
+        return -8.0
+"""
+
+
+def test_a_system_that_does_not_arrive_on_the_empty_road_fails_with_these_words_unless_it_may_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stands.py").write_text(STANDS)
+    monkeypatch.syspath_prepend(tmp_path)
+    with class_in_process():
+        stands = prepare(
+            exam(episodes=2).sections.changed("ads_test", {"allow_standing": False}), None, "stands:MyDriver"
+        )
+        (reason,) = run_exam(stands, tmp_path / "out", ["moving_collision_rate > 0"], quiet=True)
+        assert reason.startswith("the system does not arrive on the empty road in 2 of 2 episodes")
+        allowed = prepare(stands.sections.changed("ads_test", {"allow_standing": True}))
+        assert run_exam(allowed, tmp_path / "out", quiet=True) == [], "of the same exam, which is not driven again"
+    name = "arrived in 0 of 2 episodes on the empty road"
+    assert cases(tmp_path / "out" / "junit.xml")["vpsci ads-test.exam", name] == []
+    assert (
+        f"On the empty road the system {name.removesuffix(' on the empty road').replace('arrived', 'arrives')}."
+        in (tmp_path / "out" / "summary.md").read_text()
+    )
+    assert "on the empty road in 0 of 2 episodes" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_what_cannot_be_compared_is_refused_and_says_why(home: Path, tmp_path: Path) -> None:
@@ -201,7 +241,7 @@ def test_a_baseline_without_an_episode_in_common_is_refused_and_a_pedestrian_wit
     assert not (tmp_path / "out").exists()
     none = compare(rows(1), Earlier(Path("out/old"), "old.py", rows(1).filter(pl.col("episode") > 10)), exam())
     assert (none["pedestrians"], none["not_compared"]) == ({}, ["walker"])
-    report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {}, "against": none}
+    report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {}, "alone": None, "against": none}
     write_summary(tmp_path, report, failing(report, rows(1)), "")
     said = "Not compared, for want of an episode in common: walker, does not react\n"
     assert said in (tmp_path / "summary.md").read_text()

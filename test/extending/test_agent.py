@@ -48,7 +48,8 @@ def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(install
     install(FREEZING)
     (tmp_path / "midblock.yaml").write_text(files_of("Add a scenario")["midblock.yaml"], encoding="utf-8")
     settings = ["world_simulator.scenarios=[41]", f"world_simulator.scenario_files=[{tmp_path / 'midblock.yaml'}]",
-                "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "ads_test.pedestrians=[freezing]",
+                "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "ads_test.allow_standing=true",
+                "ads_test.pedestrians=[freezing]",
                 "ads_test.ads_class=vpsci_ros.nodes.example_driver:ExampleDriver"]  # fmt: skip
     with class_in_process():
         assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []

@@ -136,7 +136,7 @@ sys.exit(example_ads.main())
 def sections() -> Sections:
     """Parameters of an exam in which nobody beyond 8 m is seen, with errors."""
     world = {"scenarios": [104], "spawn": "human", "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
-    exam = {"pedestrians": ["walker"], "perception": True, "baseline": False}
+    exam = {"pedestrians": ["walker"], "perception": True, "baseline": False, "allow_standing": True}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
     return chosen.changed("perception", {"reach": 8.0, **ERRORS})
 

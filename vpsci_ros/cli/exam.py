@@ -47,6 +47,9 @@ FailIf = Annotated[
         help="Exit with status 1 where this holds, with the pedestrian named or with any; repeatable.",
     ),
 ]
+AllowStanding = Annotated[
+    bool, typer.Option("--allow-standing", help="Pass also a system that does not arrive on the empty road.")
+]
 Workers = Annotated[
     int, typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal.")
 ]
@@ -69,6 +72,7 @@ def ads_test(
         ),
     ] = None,
     fail_if: FailIf = None,
+    allow_standing: AllowStanding = False,
     workers: Workers = 1,
     people: People = None,
     settings: Settings = None,
@@ -76,13 +80,17 @@ def ads_test(
 ) -> None:
     """Examine a driving system on the same episodes with the default pedestrian and reference pedestrians.
 
-    Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes; 2 bad input.
+    Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes, or does not arrive on
+    the empty road; 2 bad input.
     """
     from vpsci_ros.exam.exam import prepare
     from vpsci_ros.exam.run import REPORT, run_exam
 
     chosen = [*(settings or []), *of_people(people)[-1:]]  # the pedestrian's: the ADS drives
-    exam = prepare(examined_sections(params, chosen, episodes, recorded), ads, ads_class, workers)
+    sections = examined_sections(params, chosen, episodes, recorded)
+    if allow_standing:
+        sections = sections.changed("ads_test", {"allow_standing": True})
+    exam = prepare(sections, ads, ads_class, workers)
     with stoppable(output), _demanded(output / REPORT):
         failures = run_exam(exam, output, fail_if or [], workers=workers, against=baseline, quiet=quiet)
     if failures:

@@ -80,6 +80,9 @@ class ExamConfig:
     fail_if: list[str] = parameter(
         [], "criteria that fail the exam, written as for --fail-if; --fail-if adds criteria to these"
     )
+    allow_standing: bool = parameter(
+        False, "true: a system that does not arrive on the empty road may pass the exam, as with --allow-standing"
+    )
     failure: str = parameter("moving_collision", "event that makes an episode a failure", choices=FAILURES)
     bags: bool = parameter(
         False, "also write bags of a system without ROS; the system then drives one episode at a time"

@@ -34,7 +34,7 @@ from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.perception import PerceptionConfig
 
-_CHECKED_AGAIN = ("fail_if", "failure")  # parameters that may change when an exam is checked again
+_CHECKED_AGAIN = ("fail_if", "failure", "allow_standing")  # parameters that may change when an exam is checked again
 SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.exam.comparison import Failing
-from vpsci_ros.exam.report import ADS
+from vpsci_ros.exam.report import ADS, standing
 from vpsci_ros.runs.files import write_text
 
 JUNIT = "junit.xml"
@@ -31,6 +31,13 @@ def _junit(report: Mapping[str, Any], failing: Failing) -> str:
     counts the failing episodes: by its criteria alone the exam fails.
     """
     cases: list[Case] = [("exam", "every episode was driven", *_driven(report))]
+    if found := report["alone"]:
+        name = f"arrived in {found['arrived']} of {found['of']} episodes on the empty road"
+        stands = standing(report)
+        cases.append(("exam", name, "failure" if stands in report["failures"] else "", stands))
+    for name, row in report["drivers"].get(ADS, {}).items():
+        count = round((row["arrived_rate"]["value"] or 0.0) * row["episodes"])
+        cases.append((name, f"arrived in {count} of {row['episodes']} episodes", "", ""))
     for row in report["criteria"]:
         name = row["criterion"] if "@" in row["criterion"] else f"{row['criterion']} @{row['pedestrian']}"
         cases.append(("exam", name, "failure" if row["failed"] else "", f"it is {row['value']}"))

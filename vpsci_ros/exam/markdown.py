@@ -12,7 +12,7 @@ from vpsci_ros.runs.files import write_text
 
 SUMMARY = "summary.md"
 _LISTED = 20  # episodes of a kind
-_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "time_lost")
+_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "arrived_rate", "time_lost")
 _KINDS = {"newly_failed": "Newly broken", "still_failing": "Still failing", "fixed": "Fixed", "failing": "Failing"}
 
 
@@ -29,6 +29,8 @@ def _summary(report: Mapping[str, Any], failing: Failing, view: str) -> Iterator
     """Yield the lines of the summary."""
     yield from (f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", "")
     yield from [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
+    if found := report["alone"]:
+        yield from (f"On the empty road the system arrives in {found['arrived']} of {found['of']} episodes.", "")
     yield from _changes(report["against"]) if "against" in report else _values(report, failing)
     for kind, title in _KINDS.items():
         links = [_link(view, name, key) for name, row in failing.items() for key in row.get(kind, [])]

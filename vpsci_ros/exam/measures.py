@@ -40,7 +40,9 @@ COLUMNS: dict[str, Column] = {
     "hardest_braking": Column(pl.Float64, "m/s2", "largest deceleration from one frame to the next"),
     "hard_braking": Column(pl.Boolean, "", "it was above the threshold"),
     "yielded": Column(pl.String, "", "who gave way: nobody, vehicle, pedestrian, both"),
-    "time_lost": Column(pl.Float64, "s", "later at its goal than alone on the road, or up to the end without an arrival"),
+    "time_lost": Column(
+        pl.Float64, "s", "later at its goal than alone on the road, or up to the end without an arrival"
+    ),
     "parked_collision": Column(pl.Boolean, "", "the vehicle ran into a parked one"),
     "lane_departure": Column(pl.Float64, "m", "largest distance of the vehicle's centre from the middle of its lane"),
     "left_lane": Column(pl.Boolean, "", "its centre was beyond an edge of the lane"),

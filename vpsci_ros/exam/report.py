@@ -9,7 +9,7 @@ import polars as pl
 
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import Estimate
-from vpsci_ros.exam.config import HARD_BRAKING, SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.config import ALONE, HARD_BRAKING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.result import Conduct
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
 from vpsci_ros.policy.config import LEARNED
@@ -56,6 +56,7 @@ def make_report(
         "drivers": {driver: {name: _scores(rows) for name, rows in parts.items()} for driver, parts in found.items()},
         "beside": {name: differences(rows, autopilot[name]) for name, rows in ads.items() if name in autopilot},
         "differences": {name: differences(rows_of(table, ADS, name), learned) for name in others},
+        "alone": _alone(table),
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),
         "range": _range(learned),
@@ -64,6 +65,24 @@ def make_report(
         "definitions": definitions(config),
         "failure": config.failure,
     }
+
+
+def _alone(table: pl.DataFrame) -> dict[str, int] | None:
+    """Return in how many episodes the ADS arrives on the empty road; None: it did not drive there."""
+    rows = rows_of(table, ADS, ALONE)
+    return {"arrived": int(rows["arrived"].sum()), "of": rows.height} if rows.height else None
+
+
+def standing(report: dict[str, Any]) -> str:
+    """Return, in words, that the ADS does not arrive on the empty road; "" where it does or was not to drive there."""
+    found = report["alone"]
+    if found is None or found["arrived"] == found["of"]:
+        return ""
+    return (
+        f"the system does not arrive on the empty road in {found['of'] - found['arrived']} of {found['of']} episodes: "
+        "its safety there says nothing of its driving; more world_simulator.episode_time lets a slow car arrive, and "
+        "--allow-standing accepts it"
+    )
 
 
 def _range(learned: pl.DataFrame) -> dict[str, int] | None:

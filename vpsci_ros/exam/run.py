@@ -24,7 +24,7 @@ from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
-from vpsci_ros.exam.report import ADS, BASELINE, make_report
+from vpsci_ros.exam.report import ADS, BASELINE, make_report, standing
 from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import autopilot_file, exam_sources
@@ -71,6 +71,7 @@ def run_exam(
         report["against"] = compare(table, earlier, exam)
     verdicts = check(parsed, report, pedestrians)
     failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
+    failures += [text for text in (standing(report),) if text and not exam.config.allow_standing]
     failures += [sentence(verdict) for verdict in verdicts if verdict["failed"]]
     report = {"exam": identity, "failures": failures, "criteria": verdicts} | report
 

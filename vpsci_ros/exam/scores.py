@@ -73,9 +73,9 @@ MEASURES = {
                 "share of episodes at whose end the vehicle stands, short of its goal and without a contact",
                 pl.col("stood_still")),
         Measure("time_lost", "time lost", "s",
-                "mean, of episodes without a contact: how much later it is at its goal than the same driver with nobody on "
-                "the road; without an arrival, up to the end of the episode", pl.col("time_lost"), pl.col("time_lost").is_not_nan(),
-                statistics.mean),
+                "mean, of episodes without a contact: how much later it is at its goal than the same driver with "
+                "nobody on the road; without an arrival, up to the end of the episode", pl.col("time_lost"),
+                pl.col("time_lost").is_not_nan(), statistics.mean),
         Measure("pedestrian_yield_rate", "only the pedestrian yielded", "",
                 "share of critical episodes without a contact in which the pedestrian gave way and the vehicle did not",
                 pl.col("yielded") == "pedestrian", _RESOLVED),
@@ -87,7 +87,7 @@ MEASURES = {
 """Measures of one driver with one pedestrian."""
 
 DIFFERENCES = ("collision_rate", "moving_collision_rate", "conflict_rate", "severe_conflict_rate",
-               "least_curvttc_median", "hard_braking_rate", "time_lost")  # fmt: skip
+               "least_curvttc_median", "hard_braking_rate", "arrived_rate", "time_lost")  # fmt: skip
 """Measures that are compared between pedestrians, on the same episodes."""
 
 

@@ -32,7 +32,7 @@ from vpsci_ros.nodes.safety_monitor import SafetyMonitor  # noqa: E402
 from vpsci_ros.resources import params_dir  # noqa: E402
 from vpsci_ros.world import load_scenario  # noqa: E402
 
-BARE = {"pedestrians": ["learned"], "baseline": False}
+BARE = {"pedestrians": ["learned"], "baseline": False, "allow_standing": True}
 PEERS = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 
 

@@ -39,7 +39,7 @@ for message in map(json.loads, wire):
 def examined(folder: Path, **ads: Any) -> tuple[list[str], Path]:
     """Put a system to an exam of two episodes, on the empty road and with the walker."""
     short = {"scenarios": [1, 104], "episodes": 1, "episode_time": 1.0}
-    exam = {"pedestrians": ["walker"], "baseline": False}
+    exam = {"pedestrians": ["walker"], "baseline": False, "allow_standing": True}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", exam)
     exam = prepare(chosen, ads_class=ads["ads_class"]) if "ads_class" in ads else prepare_socket(chosen, ads["ads"], 0)
     return run_exam(exam, folder, quiet=True), folder

@@ -149,7 +149,7 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("why")
     (folder / "drivers_of_why.py").write_text(CARELESS)
     world = {"scenarios": [3], "episodes": 8, "episode_time": 6.0, "spawn": "paper"}
-    own = {"pedestrians": ["walker"], "baseline": False, "failure": "conflict"}
+    own = {"pedestrians": ["walker"], "baseline": False, "failure": "conflict", "allow_standing": True}
     sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", own)
     with pytest.MonkeyPatch.context() as patch, class_in_process():
         patch.syspath_prepend(folder)
