@@ -84,4 +84,4 @@ def test_early_collisions_are_those_that_only_their_length_drops() -> None:
     assert counts["kept_outcomes"]["collision"] == counts["kept"] == 1
     assert counts["rejected_collisions"]["too short"] == 2
     assert counts["with_early_collisions"]["kept"] == counts["with_early_collisions"]["collisions"] == 2
-    assert counts["with_early_collisions"]["least_curvttc"] == pytest.approx([1.975, 2.95, 3.925])
+    assert counts["with_early_collisions"]["least_curvttc"] == [0.0] * 3, "they touched, though between frames"

@@ -1,6 +1,7 @@
 """The batch: episodes enter and leave without disturbing the rest, end as they should, and say what happened."""
 
 import itertools
+import math
 import os
 
 import numpy as np
@@ -8,13 +9,14 @@ import pytest
 from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, frames, nothing, run
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.safety import clearance
+from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, contact_step
 from vpsci_ros.world import COLLISION, ENDED, GOAL, RUNNING, TIMEOUT, World, WorldConfig
 from vpsci_ros.world.state import FINISHED, PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 PAIRS = [(scenario, number) for number in range(12) for scenario in range(1, 9)]
 FEW = PAIRS[:32]
+PLACES = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
 
 
 @pytest.fixture(scope="module")
@@ -42,14 +44,12 @@ def test_all_three_ends_occur_and_are_what_they_say():
     found = set()
     for key, rows in run(PAIRS, config=WorldConfig()).items():
         last, before = rows[-1], rows[:-1]
-        free = clearance(
-            *(rows[n] for n in ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y"))
-        )
+        touched = contact_step(*(rows[name] for name in PLACES))
         assert (before["status"] == RUNNING).all(), key
         assert (before["outcome"] == 0).all(), key
-        assert (free[:-1] > 0).all(), key
+        assert (touched <= len(before)) == (last["outcome"] == COLLISION), key
         if last["outcome"] == COLLISION:
-            assert free[-1] <= 0
+            assert touched > len(before) - 1
             assert last["least_curvttc"] == 0.0
         elif last["outcome"] == GOAL:
             assert last["vehicle_goal"] == last["pedestrian_goal"] == 1
@@ -60,6 +60,33 @@ def test_all_three_ends_occur_and_are_what_they_say():
         assert np.array_equal(rows["frame"], np.arange(len(rows)))
         found.add(int(last["outcome"]))
     assert found == {COLLISION, GOAL, TIMEOUT}
+
+
+@pytest.mark.parametrize("pedestrians", [1, 3])
+def test_a_contact_between_two_ticks_is_a_collision_and_a_near_miss_is_none(pedestrians):
+    """A car at 12 m/s is 0.6 m further at each tick; the last pedestrian walks past its corner within one of them."""
+    outcomes = []
+    for off in (0.25, 0.35):  # [m] from the corner's point at the middle of the tick; the radius is 0.3 m
+        config = WorldConfig(pedestrians=pedestrians, vehicle_driver="external", pedestrian_driver="constant_velocity")
+        world = World(config, SCENARIOS, [(1, 0)], 1, 1)
+        state, rows = world.state, pedestrians
+        heading = float(state["vehicle_heading"][0])
+        cos, sin = math.cos(heading), math.sin(heading)
+        ahead, aside = np.array([cos, sin]), np.array([-sin, cos])
+        way = 0.05 * (3.0 * aside - 12.0 * ahead)  # of the pedestrian from the car in one tick
+        normal = np.array([way @ aside, -(way @ ahead)]) / np.hypot(*way)
+        middle = (0.5 * VEHICLE_LENGTH + off * normal[0]) * ahead + (0.5 * VEHICLE_WIDTH + off * normal[1]) * aside
+        place = np.array([state["vehicle_x"][0], state["vehicle_y"][0]]) + middle - 0.5 * way
+        state["vehicle_speed"] = 12.0
+        state["pedestrian_x"], state["pedestrian_y"] = place[0] + 50.0 * np.arange(rows)[::-1], place[1]
+        state["pedestrian_vx"], state["pedestrian_vy"] = 3.0 * aside
+        before = state.copy()
+        world.advance(calm(world), Actions(vehicle_control=np.zeros((rows, 3))))
+        for at in (before, state):
+            assert (clearance(*(at[name] for name in PLACES)) > 0.0).all()
+        outcomes.append((int(state["outcome"][-1]), state["struck"].tolist(), float(state["least_curvttc"][-1])))
+    assert outcomes[0] == (COLLISION, [0] * (pedestrians - 1) + [1], 0.0)
+    assert outcomes[1][:2] == (0, [0] * pedestrians)
 
 
 def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():

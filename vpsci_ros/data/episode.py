@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, who_yielded
-from vpsci_ros.world import Scenario
+from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 
 Floats = NDArray[np.float64]
 Key = tuple[int, int]  # number of the scenario, number of the episode within it
@@ -162,8 +162,8 @@ class Episode:
 
     @property
     def least_curvttc(self) -> float:
-        """Least CurvTTC of all pedestrians [s]; infinity where no contact was predicted."""
-        return float(self.known_curvttc.min())
+        """Least CurvTTC of all pedestrians [s], 0 in a collision; infinity where no contact was predicted."""
+        return 0.0 if self.outcome == OUTCOME_NAMES[COLLISION] else float(self.known_curvttc.min())
 
     @cached_property
     def most_critical(self) -> int:

@@ -15,6 +15,7 @@ from vpsci_ros.data.episode_block import KEPT, QUANTITIES, EpisodeBlock
 from vpsci_ros.parameters import constant
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.state import COLLISION
 
 _VEHICLE = QUANTITIES.index("position_x_av")  # then y and the velocity
 _PEDESTRIAN = QUANTITIES.index("position_x_ped")
@@ -66,7 +67,8 @@ def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
     pair = np.lexsort((least, reason != KEPT, np.repeat(np.arange(len(records)), several)))[first]
     records["failed"], records["reason"] = failed[pair], reason[pair]
     records["vehicle_path"], records["pedestrian_path"] = measures[pair, 2], measures[pair, 3]
-    records["least_curvttc"] = np.minimum.reduceat(least, first) if len(first) else least
+    least = np.minimum.reduceat(least, first) if len(first) else least
+    records["least_curvttc"] = np.where(records["outcome"] == COLLISION, 0.0, least)  # a contact may be between frames
     return EpisodeBlock(records, block.values)
 
 

@@ -101,7 +101,7 @@ def episode_table(
         seen_of, period = run.first_critical.get(episode.key, FirstCritical()), episode.period
         driven = episode.filled()
         speed, path = driven.speed, driven.path
-        least = 0.0 if collided else min(HORIZON, episode.least_curvttc)
+        least = min(HORIZON, episode.least_curvttc)
         braking = float(np.max(-np.diff(speed), initial=0.0)) / period
         impact = float(speed[-1]) if collided else math.nan
         departure, half = lane_departure(driven)

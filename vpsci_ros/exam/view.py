@@ -1,11 +1,11 @@
 """An exam's episodes for the page that plays them: the driving system beside the autopilot."""
 
 import itertools
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import polars as pl
 
 from vpsci_ros.data.episode import Episode
@@ -17,7 +17,7 @@ from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.result import run_folder
 from vpsci_ros.exam.scores import MEASURES
-from vpsci_ros.safety import VEHICLE_LENGTH
+from vpsci_ros.safety import VEHICLE_LENGTH, contact_step
 from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.view.pack import Shown, Source
 
@@ -149,6 +149,8 @@ def came_first(episode: Episode) -> str:
     if episode.outcome != "collision":
         return ""
     seen = episode.pair().filled()
-    dx, dy = seen.ped_x[0, -1] - seen.x[-1], seen.ped_y[0, -1] - seen.y[-1]
-    forward = math.cos(seen.heading[-1]) * dx + math.sin(seen.heading[-1]) * dy
-    return "pedestrian" if forward >= 0.5 * VEHICLE_LENGTH else "vehicle"
+    dx, dy = seen.ped_x[0] - seen.x, seen.ped_y[0] - seen.y
+    forward = np.cos(seen.heading) * dx + np.sin(seen.heading) * dy
+    touched = contact_step(seen.x, seen.y, seen.heading, seen.ped_x[0], seen.ped_y[0])
+    at_contact = np.interp(touched, np.arange(len(seen)), forward)  # the last frame where they are not seen to touch
+    return "pedestrian" if at_contact >= 0.5 * VEHICLE_LENGTH else "vehicle"

@@ -7,6 +7,7 @@ first contact, `crossing` the older form, `curvttc` the measure on batches, `cur
 `yielding` who yielded, and `line_of_sight` what parked vehicles hide.
 """
 
+from vpsci_ros.safety.contact import contact_in_step, contact_step
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate
 from vpsci_ros.safety.curvttc import CONFLICT_TTC, CRITICAL_TTC, HORIZON, curvttc, curvttc_pair
 from vpsci_ros.safety.encroachment import post_encroachment_time
@@ -27,6 +28,8 @@ __all__ = [
     "clearance",
     "clearance_pair",
     "closest_encounter",
+    "contact_in_step",
+    "contact_step",
     "curvature_from_positions",
     "curvature_from_yaw_rate",
     "curvttc",

@@ -1,5 +1,7 @@
 """First contact of a turning rectangle and a walking disc: conservative advancement with a second-order bound.
 
+`first_contact` predicts from one instant; `contact_in_step` looks back at a step from its two ends.
+
 In the vehicle's own frame the rectangle stands still and the pedestrian's centre p moves with relative velocity w.
 The free distance c(t) = distance(p(t), rectangle) - radius stays positive until contact. From time t on,
 
@@ -21,7 +23,12 @@ interval that is searched. An accelerating vehicle adds |a k g(t)|.
 
 import math
 
+import numpy as np
+
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.compiled import kernel
+from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, gap
+from vpsci_ros.safety.inputs import FloatLike, as_floats
 
 TOUCH = 1e-9  # [m] footprints this near to each other count as touching
 STEP_FLOOR = 1e-9  # [s] the n-th step is at least n^2 times as long: never more than 3,200 of them in 10 s
@@ -93,6 +100,71 @@ def first_contact_accelerating(  # type: ignore[no-untyped-def]
     forward, left = c * gx + s * gy - chord * cos, c * gy - s * gx + chord * sin
     ux, uy = c * ux + s * uy, c * uy - s * ux
     return stop + first_contact(forward, left, ux, uy, 0.0, 0.0, half_length, half_width, radius, horizon - stop)
+
+
+@kernel
+def contact_in_step(before, after, length, width, radius):  # type: ignore[no-untyped-def]
+    """Return the part of a step, 0 to 1, after which rectangle and disc first touch; infinity: not in this step.
+
+    In the vehicle's frame the disc moves on a straight line from its place before the step to its place after it. The
+    true path leaves this line by at most |p''| step^2 / 8. With the limits of the simulated car this is below 1 cm in a
+    step of 0.05 s; it is 0 without turn and acceleration.
+
+    :param before, after: x, y [m], heading [rad] of the rectangle, x, y [m] of the disc's centre at the step's ends.
+    """
+    half_length, half_width = 0.5 * length, 0.5 * width
+    x, y = _seen_from(before)
+    end_x, end_y = _seen_from(after)
+    part = first_contact(x, y, end_x - x, end_y - y, 0.0, 0.0, half_length, half_width, radius, 1.0)
+    return 1.0 if part > 1.0 and gap(end_x, end_y, half_length, half_width) - radius <= 0.0 else part
+
+
+@kernel
+def _seen_from(place):  # type: ignore[no-untyped-def]
+    cos, sin = math.cos(place[2]), math.sin(place[2])
+    dx, dy = place[3] - place[0], place[4] - place[1]
+    return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+def contact_step(
+    x: FloatLike,
+    y: FloatLike,
+    heading: FloatLike,
+    ped_x: FloatLike,
+    ped_y: FloatLike,
+    *,
+    length: float = VEHICLE_LENGTH,
+    width: float = VEHICLE_WIDTH,
+    radius: float = PEDESTRIAN_RADIUS,
+) -> float:
+    """Return when vehicle and pedestrian first touch, at a step or between two, in steps; infinity: never.
+
+    :param x, y, heading: float[T] [m], [rad] of the rectangle at each step.
+    :param ped_x, ped_y: float[T] [m] of the disc's centre.
+    :param length, width, radius: sizes [m].
+    :raises InvalidInput: values that are not finite, arrays of different lengths or without a step.
+    """
+    names = ("x", "y", "heading", "ped_x", "ped_y")
+    arrays = [as_floats(name, value) for name, value in zip(names, (x, y, heading, ped_x, ped_y), strict=True)]
+    if len({array.shape for array in arrays}) > 1 or arrays[0].ndim != 1 or not arrays[0].size:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(names, arrays, strict=True))
+        raise InvalidInput(f"expected arrays of one value a step, all of one length, got {shapes}")
+    rows = np.stack(arrays, axis=1)
+    if not np.isfinite(rows).all():
+        step, column = np.argwhere(~np.isfinite(rows))[0]
+        raise InvalidInput(f"{names[column]}: expected finite numbers, got {rows[step, column]} at step {step}")
+    return float(_contact_step(rows, length, width, radius))
+
+
+@kernel
+def _contact_step(rows, length, width, radius):  # type: ignore[no-untyped-def]
+    if len(rows) == 1:
+        return contact_in_step(rows[0], rows[0], length, width, radius)
+    for k in range(len(rows) - 1):
+        part = contact_in_step(rows[k], rows[k + 1], length, width, radius)
+        if part <= 1.0:
+            return k + part
+    return math.inf
 
 
 @kernel

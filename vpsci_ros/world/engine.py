@@ -4,7 +4,7 @@ Each episode is computed by the same scalar code from its own records alone, one
 on the batch, on its slot or on the number of threads. No sum runs over episodes.
 """
 
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, contact_in_step
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.crowd import share_action, share_motion, step_off
 from vpsci_ros.world.drivers import EXTERNAL, POLICY, REPLAY, acceleration, controls, replay
@@ -26,6 +26,7 @@ from vpsci_ros.world.state import (
 )
 
 _REACH = 0.5 * (VEHICLE_LENGTH + VEHICLE_WIDTH) + PEDESTRIAN_RADIUS  # [m] between centres: further apart none touch
+PLACES = 5  # of a pair: x, y [m] and heading [rad] of the vehicle, x, y [m] of the pedestrian
 
 
 @inlined
@@ -67,6 +68,13 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def note_places(episode, places):  # type: ignore[no-untyped-def]
+    """Write where vehicle and pedestrian are into float64[PLACES]."""
+    places[0], places[1], places[2] = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading
+    places[3], places[4] = episode.pedestrian_x, episode.pedestrian_y
+
+
+@inlined
 def _move(state, first, count, answers, tables, recordings, settings, pushes):  # type: ignore[no-untyped-def]
     """Move the vehicle and the pedestrians of the episode in rows `first` to `first + count`."""
     steer, throttle, brake = 0.0, 0.0, 0.0
@@ -97,9 +105,16 @@ def _locate_vehicle(episode, tables):  # type: ignore[no-untyped-def]
         episode.vehicle_goal = 1
 
 
+@kernel
+def _touched(episode, before):  # type: ignore[no-untyped-def]
+    """Return whether vehicle and pedestrian have touched since they were at the places `before`, float64[PLACES]."""
+    after = (episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, episode.pedestrian_x, episode.pedestrian_y)
+    return contact_in_step(before, after, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 1.0
+
+
 @inlined
-def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
-    """Count the frame, update the pedestrian's arc length, and note goal reached and contact with the vehicle."""
+def _locate_pedestrian(episode, before, tables):  # type: ignore[no-untyped-def]
+    """Count the frame, update the pedestrian's arc length, and note goal reached and contact since the frame before."""
     row = tables.rows[episode.table]
     episode.frame += 1
     route, x, y = (
@@ -110,16 +125,15 @@ def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
     episode.pedestrian_s, _ = project(*route, x, y, episode.pedestrian_s)
     if episode.pedestrian_s >= row.pedestrian_goal:
         episode.pedestrian_goal = 1
-    place = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading
     dx, dy = x - episode.vehicle_x, y - episode.vehicle_y
-    near = dx * dx + dy * dy < _REACH * _REACH  # without it sine and cosine would be computed for nothing
-    if near and clearance_pair(*place, x, y, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 0.0:
+    reach = _REACH + abs(dx - before[3] + before[0]) + abs(dy - before[4] + before[1])
+    if dx * dx + dy * dy < reach * reach and _touched(episode, before):  # the test costs two sines and cosines
         episode.struck = 1
         episode.least_curvttc = 0.0
 
 
 @inlined
-def _arrive(state, first, count, tables, settings):  # type: ignore[no-untyped-def]
+def _arrive(state, first, count, before, tables, settings):  # type: ignore[no-untyped-def]
     """Locate all agents at the new frame; return the outcome of the episode, NONE while it runs."""
     leader = state[first]
     _locate_vehicle(leader, tables)
@@ -127,7 +141,7 @@ def _arrive(state, first, count, tables, settings):  # type: ignore[no-untyped-d
     for i in range(first, first + count):
         if i > first:
             share_motion(leader, state[i])
-        _locate_pedestrian(state[i], tables)
+        _locate_pedestrian(state[i], before[i], tables)
         struck |= state[i].struck
         arrived &= state[i].pedestrian_goal
     if struck:
@@ -148,9 +162,9 @@ def decide(state, answers, settings, events):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _finish(state, first, count, tables, settings, events):  # type: ignore[no-untyped-def]
+def _finish(state, first, count, before, tables, settings, events):  # type: ignore[no-untyped-def]
     """Locate all agents of a running episode at the new frame, and end it if it is over."""
-    outcome = _arrive(state, first, count, tables, settings)
+    outcome = _arrive(state, first, count, before, tables, settings)
     if outcome != NONE:
         for i in range(first, first + count):
             state[i].outcome, state[i].status = outcome, ENDED
@@ -158,46 +172,52 @@ def _finish(state, first, count, tables, settings, events):  # type: ignore[no-u
 
 
 @inlined
-def _advance(state, first, count, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+def _advance(state, first, count, answers, tables, recordings, settings, pushes, before, events):  # type: ignore[no-untyped-def]
     """Move a running episode in rows `first` to `first + count` to the next tick, and end it if it is over."""
+    for i in range(first, first + count):
+        note_places(state[i], before[i])
     _move(state, first, count, answers, tables, recordings, settings, pushes)
-    _finish(state, first, count, tables, settings, events)
+    _finish(state, first, count, before, tables, settings, events)
 
 
 @kernel
-def move_one(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+def move_one(state, answers, tables, recordings, settings, pushes, before, events):  # type: ignore[no-untyped-def]
     """Move EPISODE[B] of one pedestrian each by a tick, end those that are over; events uint16[B] gets 1 << kind.
 
     `move_one` does the same as `move_several`, without the loops over rows. Runs with one pedestrian an episode do not
     compile `move_several`.
+
+    :param before: float64[B, PLACES], scratch memory, as `pushes` is.
     """
     for i in range(state.size):
         events[i] = 0
         if state[i].status == RUNNING:
-            _advance(state, i, 1, answers, tables, recordings, settings, pushes, events)
+            _advance(state, i, 1, answers, tables, recordings, settings, pushes, before, events)
 
 
 @kernel
-def move_several(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+def move_several(state, answers, tables, recordings, settings, pushes, before, events):  # type: ignore[no-untyped-def]
     """Move EPISODE[B], `settings.pedestrians` rows an episode, by a tick, and end those that are over.
 
-    :param pushes: float64[B, 2], scratch memory; events: uint16[B], gets 1 << kind.
+    :param pushes: float64[B, 2], `before`: float64[B, PLACES], scratch memory; events: uint16[B], gets 1 << kind.
     """
     for i in range(state.size):
         events[i] = 0
     for first in range(0, state.size, settings.pedestrians):
         if state[first].status == RUNNING:
             count = state[first].pedestrians
-            _advance(state, first, count, answers, tables, recordings, settings, pushes, events)
+            _advance(state, first, count, answers, tables, recordings, settings, pushes, before, events)
 
 
 @kernel
-def arrive(state, tables, settings, events):  # type: ignore[no-untyped-def]
+def arrive(state, before, tables, settings, events):  # type: ignore[no-untyped-def]
     """Locate the agents of running EPISODE[B], one pedestrian each, on their paths, and end those that are over.
 
     Another engine has set the positions that `move_one` sets otherwise; events uint16[B] gets 1 << kind.
+
+    :param before: float64[B, PLACES], where they were at the frame before, see `note_places`.
     """
     events[:] = 0
     for i in range(state.size):
         if state[i].status == RUNNING:
-            _finish(state, i, 1, tables, settings, events)
+            _finish(state, i, 1, before, tables, settings, events)

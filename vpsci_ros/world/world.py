@@ -83,6 +83,7 @@ class World:
         self._exhausted = False
         self._bits = np.zeros(rows, np.uint16)
         self._pushes = np.zeros((rows if self._most > 1 else 0, 2))
+        self._before = np.zeros((rows, engine.PLACES))
         self._idle = batch
         self._ended: NDArray[np.int64] = np.empty(0, np.int64)
         self._started = self._begin(first_tick)
@@ -123,9 +124,9 @@ class World:
 
     def _move(self, answers: Inputs, part: slice) -> None:
         own = Inputs(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
-        pushes = self._pushes[part]
+        scratch = self._pushes[part], self._before[part]
         move = engine.move_one if self._most == 1 else engine.move_several
-        move(self.state[part], own, self._tables, self._recordings, self._settings, pushes, self._bits[part])
+        move(self.state[part], own, self._tables, self._recordings, self._settings, *scratch, self._bits[part])
 
     def place(
         self, slots: Sequence[int], episodes: Sequence[tuple[int, int]], seeds: Sequence[int] | None = None

@@ -19,6 +19,13 @@ def test_the_margin_of_a_contact_is_the_clearance_between_the_footprints():
     assert margin("collision", tick(4.645), np.array([np.inf])) == pytest.approx(4.645 - 2.345 - 0.3)
 
 
+def test_a_contact_between_two_ticks_has_no_positive_margin():
+    struck = tick(4.645)
+    struck["struck"] = 1
+    assert margin("collision", struck, np.array([np.inf])) == 0.0
+    assert margin("moving_collision", struck, np.array([np.inf])) == 0.0
+
+
 @pytest.mark.parametrize(("speed", "more"), [(0.6, 0.0), (0.5, 1.0), (0.0, 1.0)])
 def test_who_walks_into_a_standing_car_is_a_metre_further_from_being_hit(speed, more):
     found = margin("moving_collision", tick(2.645, speed), np.array([np.inf]))

@@ -16,7 +16,7 @@ from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import run_exam
-from vpsci_ros.exam.view import failure_group
+from vpsci_ros.exam.view import came_first, failure_group
 from vpsci_ros.extras.exam_extra.explain import explain_exam
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
 from vpsci_ros.extras.exam_extra.why import Search
@@ -135,6 +135,8 @@ def group(**given: Any) -> str:
 def test_a_group_says_who_came_first_which_is_who_is_before_the_front() -> None:
     assert group(ahead=2.5) == "1: child in sight, moving vehicle, pedestrian came first"
     assert group(ahead=1.0, hidden=True) == "1: child hidden, moving vehicle, vehicle came first"
+    deep = episode([12.0] * 3, [1.0] * 3, ahead=2.1)
+    assert came_first(deep) == "pedestrian", "beside the front only a frame after the contact"
 
 
 def test_a_group_says_what_was_hit_if_anything() -> None:

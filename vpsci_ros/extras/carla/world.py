@@ -86,7 +86,7 @@ class EngineWorld(World):
         for agent in ("vehicle", "pedestrian"):
             gone = [record[f"{agent}_{axis}"] - last[f"{agent}_{axis}"] for axis in "xy"]
             record[f"{agent}_path"] += math.hypot(*gone)
-        engine.arrive(self.state, self._tables, self._settings, self._bits)
+        engine.arrive(self.state, self._before, self._tables, self._settings, self._bits)
 
 
 CARLA = Engine(LiveServer, EngineWorld)

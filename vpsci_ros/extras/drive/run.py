@@ -101,7 +101,7 @@ def _show(part: Exam, name: str, folder: Path, page: Page, result: RunResult, *,
     page.send(
         "result",
         outcome=episode.outcome,
-        least=0.0 if collided else episode.least_curvttc,
+        least=episode.least_curvttc,
         yielded=both["you"][0].yielded,
         impact=float(episode.speed[-1]) if collided else 0.0,
         replay=f"replays/{replay.name}#b=autopilot",

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.recorded_people import FAR, Motion
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, contact_step
 from vpsci_ros.world import Recorded, Scenario, World, WorldConfig
 from vpsci_ros.world.tick import Actions
 
@@ -306,13 +306,10 @@ def impact_speed(episode: Episode) -> float:
     A test ends when the vehicle stands (section 4.3.2), so what comes after that does not count.
     """
     seen = episode.filled()
-    free = clearance(seen.x, seen.y, seen.heading, seen.ped_x[0], seen.ped_y[0])
-    touched = np.flatnonzero(free <= 0.0)
-    if not len(touched) or (seen.speed[: touched[0] + 1] <= 0.0).any():
+    touched = contact_step(seen.x, seen.y, seen.heading, seen.ped_x[0], seen.ped_y[0])
+    if touched == math.inf or (seen.speed[: math.ceil(touched) + 1] <= 0.0).any():
         return 0.0
-    k = int(touched[0])
-    part = free[k - 1] / (free[k - 1] - free[k])
-    return float(seen.speed[k - 1] + part * (seen.speed[k] - seen.speed[k - 1])) / KMH
+    return float(np.interp(touched, np.arange(len(seen)), seen.speed)) / KMH
 
 
 def colour_of(cell: Cell, speed: float) -> str:

@@ -16,7 +16,8 @@ def margin(failure: str, state: NDArray[np.void], curvttc: Floats) -> Floats:
     """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity in idle slots.
 
     The margin of a collision is the clearance between the footprints [m], of one with a moving vehicle a metre more
-    while it stands; that of a conflict is CurvTTC less the threshold [s].
+    while it stands; it is 0 at most after a contact since the tick before. That of a conflict is CurvTTC less the
+    threshold [s].
 
     :param failure: the column of the exam's table that holds it.
     :param curvttc: float64[B] [s].
@@ -26,6 +27,7 @@ def margin(failure: str, state: NDArray[np.void], curvttc: Floats) -> Floats:
     else:
         place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
         found = clearance(*(state[name] for name in place))
+        found = np.where(state["struck"] != 0, np.minimum(found, 0.0), found)
         if failure == "moving_collision":
             found = np.where(state["vehicle_speed"] > MOVING, found, found + STANDING)
     return np.where(state["status"] == IDLE, np.inf, found)
