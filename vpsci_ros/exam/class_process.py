@@ -32,6 +32,7 @@ _MAIN = (
 )
 _LOOK = 0.2  # [s] between looks whether the process still runs
 _LONGEST = 2**20  # [bytes] of an answer
+_STARTS = 60.0  # [s] at least, that the process has to import the module, and to make its objects
 _LEAVES = 1.0  # [s] that the process has to end by itself
 
 
@@ -76,7 +77,7 @@ class ClassProcess:
     def _answer(self) -> Answer:
         if not self._ended:
             try:
-                return received_answer(self._received())
+                return received_answer(self._received(self._patience))
             except InvalidInput as error:
                 self._give_up(str(error))
             except (ValueError, RecursionError):
@@ -88,18 +89,18 @@ class ClassProcess:
         self._ended = self._ended or why
         self._process.signal(signal.SIGKILL)
 
-    def _received(self) -> Any:
+    def _received(self, patience: float) -> Any:
         """Return what the process says next.
 
         :raises ValueError: it has ended, is silent, or what it sends is not JSON; `_ended` says so, if it is known.
         """
-        deadline = time.monotonic() + self._patience
+        deadline = time.monotonic() + patience
         while not self._connection.poll(_LOOK):
             if self._process.end and not self._connection.poll(0.0):
                 self._ended = self._how()
                 raise ValueError
             if time.monotonic() > deadline:
-                self._ended = f"no answer for {self._patience:g} s"
+                self._ended = f"no answer for {patience:g} s"
                 raise ValueError
         try:
             return json.loads(self._connection.recv_bytes(_LONGEST))
@@ -119,7 +120,7 @@ class ClassProcess:
         """
         found: Any = None
         with contextlib.suppress(ValueError, RecursionError):
-            found = self._received()
+            found = self._received(max(_STARTS, self._patience))
         match found:
             case {"refused": str(reason)}:
                 raise InvalidInput(printable(reason))
@@ -156,7 +157,7 @@ def files_of_class(text: str) -> dict[str, str]:
 
     :raises InvalidInput: there is no such class, or it is no driver.
     """
-    with tempfile.TemporaryDirectory() as folder, class_process(text, Path(folder) / "log", 60.0) as process:
+    with tempfile.TemporaryDirectory() as folder, class_process(text, Path(folder) / "log", _STARTS) as process:
         path = Path(process.path)
         return {path.name: sha256(path)} if path.is_file() else {}
 
