@@ -119,7 +119,8 @@ def test_what_is_newly_broken_is_a_share_of_what_passed_and_what_is_fixed_of_wha
 def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_what_is_fixed(
     verdict: dict[str, Any], tmp_path: Path
 ) -> None:
-    criterion = {"criterion": "newly_failed > 0", "pedestrian": "walker", "value": 2.0, "failed": True}
+    criterion = {"criterion": "newly_failed > 0", "pedestrian": "walker", "value": 2.0, "failed": True,
+                 "requirement": "SR-12"}  # fmt: skip
     report = {"exam": {"ads": "new.py"}, "failures": ["newly_failed > 0: 2"], "criteria": [criterion],
               "conduct": {"walker": {"failure": ""}}, "against": verdict, "alone": {"arrived": 10, "of": 10},
               "drivers": {"ads": {"walker": {"episodes": 10, "arrived_rate": {"value": 0.9}}}}}  # fmt: skip
@@ -130,8 +131,15 @@ def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_wh
         ("vpsci ads-test.exam", "arrived in 10 of 10 episodes on the empty road"): [],
         ("vpsci ads-test.exam", "newly_failed > 0 @walker"): ["failure"],
         (of, "arrived in 9 of 10 episodes"): [],
-        (of, "1:2"): [], (of, "1:3"): [], (of, "1:4"): ["failure"], (of, "1:9"): ["failure"], (of, "1:1"): ["skipped"],
-    }  # fmt: skip
+        (of, "scenario 1, episode 2"): [],
+        (of, "scenario 1, episode 3"): [],
+        (of, "scenario 1, episode 4"): ["failure"],
+        (of, "scenario 1, episode 9"): ["failure"],
+        (of, "scenario 1, episode 1"): ["skipped"],
+    }
+    labels = properties(tmp_path / "junit.xml")
+    assert labels["newly_failed > 0 @walker"] == {"requirement": "SR-12", "pedestrian": "walker", "value": "2"}
+    assert labels["scenario 1, episode 9"] == {"pedestrian": "walker", "scenario": "1", "episode": "9"}
     counts = [
         (suite.get("tests"), suite.get("failures"), suite.get("skipped"))
         for suite in ET.parse(tmp_path / "junit.xml").getroot()
@@ -150,7 +158,17 @@ def write_verdict(folder: Path, report: dict[str, Any], table: pl.DataFrame, vie
 def cases(junit: Path) -> dict[tuple[str | None, str | None], list[str]]:
     """Return class and name of each case -> what is said of it: nothing, or a failure."""
     suites = ET.parse(junit).getroot()
-    return {(case.get("classname"), case.get("name")): [each.tag for each in case] for case in suites.iter("testcase")}
+    says = ("failure", "skipped")
+    return {
+        (case.get("classname"), case.get("name")): [each.tag for each in case if each.tag in says]
+        for case in suites.iter("testcase")
+    }
+
+
+def properties(junit: Path) -> dict[str | None, dict[str | None, str | None]]:
+    """Return name of each case -> name and value of each of its properties."""
+    tests = ET.parse(junit).getroot().iter("testcase")
+    return {test.get("name"): {each.get("name"): each.get("value") for each in test.iter("property")} for test in tests}
 
 
 def test_an_exam_without_an_earlier_one_leaves_its_verdict_for_ci_too(home: Path, tmp_path: Path) -> None:
@@ -182,6 +200,8 @@ def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_cri
         ("vpsci ads-test.walker", "arrived in 3 of 10 episodes"): [],
         ("vpsci ads-test.walker", "10 episodes, 3 of which fail"): [],
     }
+    (out,) = ET.parse(tmp_path / "junit.xml").getroot().iter("system-out")
+    assert out.text == "failing (scenario:episode): 1:1 1:4 1:9"
     summary = (tmp_path / "summary.md").read_text()
     share = "30.00 [10.00, 60.00] %"
     assert f"| walker, does not react | 10 | 3 | {share} | {share} | {share} | {share} | - |\n" in summary

@@ -40,6 +40,29 @@ def test_what_could_not_be_measured_fails():
     assert sentence(verdict) == "collision_rate > 1 @learned: not measured (default pedestrian), failed"
 
 
+def test_no_contact_satisfies_a_bound_on_impact_speed_and_no_episode_satisfies_none() -> None:
+    rows = {"impact_speed": {"value": None}, "evasion_success_rate": {"value": None}, "collision_rate": {"value": 0.0}}
+    drove = {"drivers": {"ads": {"learned": rows}}}
+
+    def said(text: str) -> str:
+        (verdict,) = check([parse(text, PEDESTRIANS)], drove, PEDESTRIANS)
+        return sentence(verdict).partition(": ")[2]
+
+    assert said("impact_speed > 3 @learned") == "no contact (default pedestrian), passed"
+    assert said("impact_speed > 3 @walker") == "no episode was driven (walker, does not react), failed"
+    assert said("evasion_success_rate < 0.9 @learned") == "no critical episode (default pedestrian), failed"
+    assert said("collision_rate > 0 @walker") == "no episode was driven (walker, does not react), failed"
+
+
+@pytest.mark.parametrize("label", ["SR-12", "SG 3/FSR.4 (draft)", "req: 7"])
+def test_a_criterion_carries_the_label_of_its_requirement(label: str) -> None:
+    criterion = parse(f" {label} : collision_rate > 0.05 @learned", PEDESTRIANS)
+    assert (criterion.requirement, criterion.measure, criterion.limit) == (label, "collision_rate", 0.05)
+    (verdict,) = check([criterion], report(learned=0.2), PEDESTRIANS)
+    assert (verdict["requirement"], verdict["failed"]) == (label, True)
+    assert parse("collision_rate > 0.05", PEDESTRIANS).requirement == ""
+
+
 def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_the_run():
     assert failed("collision_increase > 0.1", learned=0.0, walker=0.3) == ["walker"]
     assert failed("commands_refused > 0", learned=0.0, walker=0.3) == ["learned"]
@@ -51,10 +74,13 @@ def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_t
         "", "collision_rate", "collision_rate > ", "> 0.05", "collision_rate > a", "collision_rate > 0.05 @",
         "collision_rate == 0.05", "collision_rate > nan", "collision_rate > inf", "collision_rate > 0.05; x > 1",
         "__import__('os').system('true') > 0", "collision_rate > (1)", "collision_rate > 0.05 @learned @walker",
+        ": collision_rate > 0.05", "SR-12:collision_rate > 0.05", "SR-12 collision_rate > 0.05",
     ],
 )  # fmt: skip
 def test_anything_of_another_form_is_refused_with_the_form_and_the_measures(text):
-    with pytest.raises(InvalidInput, match=r"expected MEASURE \{>,>=,<,<=\} NUMBER \[@PEDESTRIAN\]") as error:
+    with pytest.raises(
+        InvalidInput, match=r"expected \[REQUIREMENT: \]MEASURE \{>,>=,<,<=\} NUMBER \[@PEDESTRIAN\]"
+    ) as error:
         parse(text, PEDESTRIANS)
     assert all(name in str(error.value) for name in NAMES)
 

@@ -43,8 +43,9 @@ FailIf = Annotated[
     list[str] | None,
     typer.Option(
         "--fail-if",
-        metavar="'MEASURE > NUMBER [@PEDESTRIAN]'",
-        help="Exit with status 1 where this holds, with the pedestrian named or with any; repeatable.",
+        metavar="'[REQUIREMENT: ]MEASURE > NUMBER [@PEDESTRIAN]'",
+        help="Exit with status 1 where this holds, with the pedestrian named or with any; repeatable. REQUIREMENT is "
+        "your label, which junit.xml repeats.",
     ),
 ]
 AllowStanding = Annotated[

@@ -1,4 +1,4 @@
-"""Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating code, then compared with a report."""
+"""Criteria such as "SR-12: collision_rate > 0.05 @learned": parsed without evaluating code, compared with a report."""
 
 import difflib
 import math
@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import title_of
-from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
-from vpsci_ros.exam.scores import MEASURES
+from vpsci_ros.exam.report import ADS, CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
+from vpsci_ros.exam.scores import MEASURES, NO_CONTACT
 from vpsci_ros.policy.config import LEARNED
 
 COMPARED = (*FAILED_BEFORE, *CHANGES)
@@ -22,17 +22,21 @@ OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
 }
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_FORM = re.compile(rf"\s*(\w+)\s*(>=|<=|>|<)\s*({_NUMBER})\s*(?:@\s*(\w+)\s*)?")
+_FORM = re.compile(rf"(?:\s*(\S.*?)\s*:\s)?\s*(\w+)\s*(>=|<=|>|<)\s*({_NUMBER})\s*(?:@\s*(\w+)\s*)?")
 
 
 class Criterion(NamedTuple):
-    """A criterion: a measure compared with a limit, for one pedestrian or (None) for each of them."""
+    """A criterion: a measure compared with a limit, for one pedestrian or (None) for each of them.
+
+    :ivar requirement: the user's label of the requirement that it verifies; "" without one.
+    """
 
     text: str
     measure: str
     operator: str
     limit: float
     pedestrian: str | None
+    requirement: str = ""
 
 
 def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Criterion:
@@ -40,16 +44,16 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Cri
 
     :param opponents: pedestrians of the exam.
     :param compared: whether it is compared with an earlier one.
-    :raises InvalidInput: another form than MEASURE OPERATOR NUMBER [@PEDESTRIAN], or an unknown name in it.
+    :raises InvalidInput: another form than [REQUIREMENT: ]MEASURE OPERATOR NUMBER [@PEDESTRIAN], or an unknown name.
     """
     where = f"--fail-if {text!r}"
     found = _FORM.fullmatch(text)
     if found is None:
         raise InvalidInput(
-            f"{where}: expected MEASURE {{{','.join(OPERATORS)}}} NUMBER [@PEDESTRIAN], such as "
+            f"{where}: expected [REQUIREMENT: ]MEASURE {{{','.join(OPERATORS)}}} NUMBER [@PEDESTRIAN], such as "
             f"'collision_rate > 0.05 @learned'; measures: {', '.join(NAMES)}"
         )
-    measure, sign, number, pedestrian = found.groups()
+    requirement, measure, sign, number, pedestrian = found.groups()
     if measure not in NAMES:
         near = difflib.get_close_matches(measure, NAMES, 1)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -60,29 +64,46 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Cri
         raise InvalidInput(f"{where}: {measure} compares another pedestrian with {LEARNED}; the exam needs both")
     if measure in COMPARED and not compared:
         raise InvalidInput(f"{where}: {measure} compares with an earlier exam; name its folder by --baseline")
-    return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian)
+    if requirement and not requirement.isprintable():
+        raise InvalidInput(f"{where}: the label of the requirement has unprintable characters")
+    return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian, requirement or "")
 
 
 def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequence[str]) -> list[dict[str, Any]]:
     """Return a verdict for each criterion and each of its pedestrians, as JSON values.
 
-    A measure without a value counts as a failure: the criterion cannot be shown not to hold.
+    A measure without a value counts as a failure: the criterion cannot be shown not to hold. The exception is a measure
+    of contacts, of episodes among which there was no contact.
     """
     verdicts = []
-    for text, measure, sign, limit, pedestrian in criteria:
+    for text, measure, sign, limit, pedestrian, requirement in criteria:
         among = [pedestrian] if pedestrian else list(opponents)
         for name in among if pedestrian or measure not in INCREASES else [each for each in among if each != LEARNED]:
-            value = value_of(report, measure, name)
-            failed = math.isnan(value) or OPERATORS[sign](value, limit)
-            known = None if math.isnan(value) else value
-            verdicts.append({"criterion": text, "pedestrian": name, "value": known, "failed": failed})
+            verdict: dict[str, Any] = {"criterion": text, "requirement": requirement, "pedestrian": name}
+            if math.isnan(value := value_of(report, measure, name)):
+                none = _without_value(report, measure, name)
+                verdict |= {"value": None, "why": none, "failed": none != NO_CONTACT}
+            else:
+                verdict |= {"value": value, "why": "", "failed": OPERATORS[sign](value, limit)}
+            verdicts.append(verdict)
     return verdicts
+
+
+def _without_value(report: Mapping[str, Any], measure: str, pedestrian: str) -> str:
+    """Return the reason for which a measure would have no value."""
+    if pedestrian not in report["drivers"].get(ADS, {}):
+        return "no episode was driven"
+    return MEASURES[measure].none if measure in MEASURES else "not measured"
+
+
+def verdict_value(verdict: Mapping[str, Any]) -> str:
+    """Return the value of a verdict in words, such as "0.0385" or "no contact"."""
+    return f"{verdict['value']:.4g}" if verdict["value"] is not None else verdict.get("why") or "not measured"
 
 
 def sentence(verdict: Mapping[str, Any]) -> str:
     """Return a verdict in words."""
-    value = "not measured" if verdict["value"] is None else f"{verdict['value']:.4g}"
     return (
-        f"{verdict['criterion']}: {value} ({title_of(verdict['pedestrian'])}), "
+        f"{verdict['criterion']}: {verdict_value(verdict)} ({title_of(verdict['pedestrian'])}), "
         f"{'failed' if verdict['failed'] else 'passed'}"
     )

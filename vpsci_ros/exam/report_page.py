@@ -13,6 +13,7 @@ from rich.table import Table
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
+from vpsci_ros.exam.criteria import verdict_value
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES
@@ -179,6 +180,7 @@ def write_page(
         titles={name: title_of(name) for name in (*TITLES, *added_pedestrians())},
         names=NAMES | ({ADS: "You"} if report["exam"]["ads"] == PERSON else {}),
         differences=DIFFERENCES,
+        verdict_value=verdict_value,
         grouped=GROUPED,
         view=view,
         marks=set(MARKS),

@@ -17,6 +17,7 @@ class Measure:
     :ivar among: which episodes count.
     :ivar statistic: None: the share of episodes in which `column` holds.
     :ivar good: "low", "high", or "" where neither is better.
+    :ivar none: the reason for which there is no value, although episodes were driven.
     """
 
     name: str
@@ -27,8 +28,11 @@ class Measure:
     among: pl.Expr = field(default_factory=lambda: pl.lit(True))
     statistic: statistics.Statistic | None = None
     good: str = "low"
+    none: str = "not measured"
 
 
+NO_CONTACT = "no contact"  # a measure of contacts then satisfies every limit
+_NO_CRITICAL, _NO_RESOLVED = "no critical episode", "no critical episode without a contact"
 _CRITICAL = pl.col("critical")
 _RESOLVED = pl.col("critical") & ~pl.col("collision")
 
@@ -47,7 +51,7 @@ MEASURES = {
                 "share of episodes in which the vehicle's centre is beyond an edge of its lane",
                 pl.col("left_lane")),
         Measure("impact_speed", "impact speed", "m/s", "mean speed of the vehicle at the contact, of collisions",
-                pl.col("impact_speed"), pl.col("collision"), statistics.mean),
+                pl.col("impact_speed"), pl.col("collision"), statistics.mean, none=NO_CONTACT),
         Measure("critical_rate", "critical episodes", "", "share of episodes in which CurvTTC falls below 5 s",
                 pl.col("critical"), good=""),
         Measure("conflict_rate", "conflicts", "", "share of episodes in which CurvTTC falls below {conflict:g} s",
@@ -55,7 +59,7 @@ MEASURES = {
         Measure("severe_conflict_rate", "severe conflicts", "",
                 "share of episodes in which CurvTTC falls below {severe:g} s", pl.col("severe_conflict")),
         Measure("evasion_success_rate", "evasion success", "", "share of critical episodes that end without a contact",
-                ~pl.col("collision"), _CRITICAL, good="high"),
+                ~pl.col("collision"), _CRITICAL, good="high", none=_NO_CRITICAL),
         Measure("least_curvttc_q25", "least CurvTTC, lower quartile", "s",
                 "quartile of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"),
                 statistic=statistics.quantile(0.25), good="high"),
@@ -68,20 +72,22 @@ MEASURES = {
                 pl.col("arrived"), good="high"),
         Measure("never_arrived_rate", "never arrived", "",
                 "share of episodes without a contact that end before the vehicle is at its goal",
-                ~pl.col("arrived"), ~(pl.col("collision") | pl.col("parked_collision"))),
+                ~pl.col("arrived"), ~(pl.col("collision") | pl.col("parked_collision")),
+                none="no episode without a contact"),
         Measure("stood_still_rate", "stood still", "",
                 "share of episodes at whose end the vehicle stands, short of its goal and without a contact",
                 pl.col("stood_still")),
         Measure("time_lost", "time lost", "s",
                 "mean, of episodes without a contact: how much later it is at its goal than the same driver with "
                 "nobody on the road; without an arrival, up to the end of the episode", pl.col("time_lost"),
-                pl.col("time_lost").is_not_nan(), statistics.mean),
+                pl.col("time_lost").is_not_nan(), statistics.mean,
+                none="no episode without a contact"),
         Measure("pedestrian_yield_rate", "only the pedestrian yielded", "",
                 "share of critical episodes without a contact in which the pedestrian gave way and the vehicle did not",
-                pl.col("yielded") == "pedestrian", _RESOLVED),
+                pl.col("yielded") == "pedestrian", _RESOLVED, none=_NO_RESOLVED),
         Measure("vehicle_yield_rate", "the vehicle yielded", "",
                 "share of critical episodes without a contact in which the vehicle gave way (alone or with the "
-                "pedestrian)", pl.col("yielded").is_in(["vehicle", "both"]), _RESOLVED, good="high"),
+                "pedestrian)", pl.col("yielded").is_in(["vehicle", "both"]), _RESOLVED, good="high", none=_NO_RESOLVED),
     )
 }  # fmt: skip
 """Measures of one driver with one pedestrian."""
