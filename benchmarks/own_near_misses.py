@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.roll_out_scores import energy_score
-from vpsci_ros.evaluation.simulators import policy, tracked
+from vpsci_ros.evaluation.simulators import fading, policy, residual_sampler, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
-from vpsci_ros.extras.paper.realism.controls import residual_sampler
 from vpsci_ros.policy.bank import Bank, describe
 from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables, recorded_situations
 from vpsci_ros.policy.policy_file import load_policy
@@ -82,7 +81,7 @@ class Place:
     def by_sampler(self, table: pl.DataFrame) -> Floats:
         """Return the same of the control that borrows residuals of the near misses `table`."""
         library = find_onsets(table)
-        made = residual_sampler(self.onsets, library, self.middle, tracked(library))
+        made = residual_sampler(self.onsets, library, fading(self.onsets), fading(library))
         return energy_score(made, self.onsets.recorded)
 
     def row(self, what: str, scores: Sequence[Floats], beside: Floats | None = None) -> None:

@@ -150,6 +150,8 @@ def test_pretraining_writes_weights_that_evaluation_reads(
         "repeat_velocity",
         "constant_velocity",
         "constant_velocity_tracked",
+        "fading_acceleration",
+        "residual_sampler",
     }
     assert models["own"]["closed_loop"]["ade"] > 0
     assert pl.read_csv(tmp_path / "run" / "log.csv").height == 2

@@ -5,8 +5,15 @@ import pytest
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
-from vpsci_ros.evaluation.protocols import closed_loop, constant_velocity_reconstruction, eligible, horizon, reconstruct
+from vpsci_ros.evaluation.predictors import FadingAcceleration, PolicyPredictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import (
+    closed_loop,
+    constant_velocity_reconstruction,
+    eligible,
+    horizon,
+    known_actions,
+    reconstruct,
+)
 from vpsci_ros.world.observation import AGENTS
 
 
@@ -86,6 +93,31 @@ def test_repeating_the_last_velocity_lags_one_step_behind():
     np.testing.assert_allclose(errors.ade[0], [lag.mean(), 0.0], atol=1e-6)
     held = constant_velocity_reconstruction(interactions)
     np.testing.assert_allclose(held.fde[0, 0], 0.1 * np.sum(0.05 * np.arange(1, 24)), atol=1e-6)
+
+
+def test_a_repeated_acceleration_has_no_error_where_it_is_constant_and_a_fading_one_what_is_left() -> None:
+    interactions = straight(acceleration=0.5)
+    repeated = closed_loop(FadingAcceleration((1.0, 1.0)), interactions)
+    np.testing.assert_allclose(repeated.ade, 0.0, atol=1e-4)
+    errors = closed_loop(FadingAcceleration((0.9, 0.9)), interactions)
+    lost = 0.5 * (1.0 - 0.9 ** np.arange(1, 24))  # [m/s2] at each step
+    speed = 0.1 * np.cumsum(lost)
+    np.testing.assert_allclose(errors.fde[0], [0.1 * (np.sum(speed) - 0.5 * speed[-1]), 0.0], atol=1e-4)
+    once = reconstruct(FadingAcceleration((1.0, 1.0)), interactions)
+    np.testing.assert_allclose(once.ade, 0.0, atol=1e-4)
+
+
+def test_a_sensor_knows_the_mean_of_four_accelerations_that_ended_two_steps_before() -> None:
+    interactions = straight(acceleration=0.5)
+    interactions.action["vehicle"][0, :, 0] = np.arange(interactions.motion.shape[1])
+    now, known = known_actions(interactions, np.array([9]))
+    assert (now["vehicle"][0, 0], known[0]) == (9.0, True)
+    late, _ = known_actions(interactions, np.array([9]), late=True)
+    assert late["vehicle"][0, 0] == np.mean([4, 5, 6, 7])
+    first, known = known_actions(interactions, np.array([3]), late=True)
+    assert (first["vehicle"][0, 0], known[0]) == (0.5, True), "of steps 0 and 1, all that there are"
+    assert known_actions(interactions, np.array([1]), late=True)[1].tolist() == [False]
+    assert known_actions(interactions, np.array([-1]))[1].tolist() == [False]
 
 
 def test_closed_loop_lasts_three_seconds_at_most():

@@ -1,36 +1,38 @@
-"""The held-out error: both protocols on near misses of clips that training never sees, for weights and the control."""
+"""The held-out error: both protocols on near misses of clips that training never sees, for weights and controls."""
 
 import polars as pl
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
-from vpsci_ros.evaluation.protocols import eligible, measure
+from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import Measured, continued, eligible, measure
 from vpsci_ros.policy.weights import Weights
 
 
 class HeldOut:
-    """Measures weights on held-out interactions; the control's errors are computed once.
+    """Measures weights on held-out interactions; the controls' errors are computed once.
 
+    :ivar control, fading: errors of the last velocity repeated, and of the last acceleration, see `errors.continued`.
     :param table: near-miss table of the held-out clips.
     :raises InvalidInput: no interaction has a second from its first critical step to the last.
     """
 
     def __init__(self, table: pl.DataFrame) -> None:
         self.interactions: Interactions = eligible(from_table(table))
-        self.control = self._errors(RepeatVelocity())
+        self.control = _by_name(measure(RepeatVelocity(), self.interactions))
+        self.fading = _by_name(continued(self.interactions))
 
     def errors(self, weights: Weights) -> dict[str, float]:
         """Return ADE and FDE [m] of both protocols by name (`closed_loop_ade`), means over interactions and agents."""
-        return self._errors(PolicyPredictor(weights))
+        return _by_name(measure(PolicyPredictor(weights), self.interactions))
 
-    def _errors(self, model: Predictor) -> dict[str, float]:
-        measured = measure(model, self.interactions).items()
-        return {
-            f"{protocol}_{name}": float(getattr(errors, name).mean())
-            for protocol, errors in measured
-            for name in ("ade", "fde")
-        }
+
+def _by_name(measured: Measured) -> dict[str, float]:
+    return {
+        f"{protocol}_{name}": float(getattr(errors, name).mean())
+        for protocol, errors in measured.items()
+        for name in ("ade", "fde")
+    }
 
 
 def split_as_before(

@@ -28,11 +28,13 @@ class Onsets:
         steps later, and `curvttc` is causal.
     :ivar number: int64[N], the interaction in the near-miss table.
     :ivar size: float64[N, 2], length and width of the vehicle [m].
+    :ivar late: the accelerations before the onset are known as a sensor has them, see `protocols.known_actions`.
     """
 
     interactions: Interactions
     number: NDArray[np.int64]
     size: Floats
+    late: bool = False
 
     def __len__(self) -> int:
         return len(self.number)
@@ -66,7 +68,7 @@ class Onsets:
 
     def take(self, rows: NDArray[np.int64]) -> "Onsets":
         """Return the onsets with the indices `rows`, in this order."""
-        return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows])
+        return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows], self.late)
 
 
 def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS
 
+FADES = (0.95, 0.8)  # of the vehicle's and the pedestrian's acceleration in a step: `benchmarks/fading.py`
 TRACKED_STEPS = 2  # whose positions give a vehicle's velocity, where published speeds lag behind the positions
 _TREND = 4  # steps from which acceleration and yaw rate are estimated, as in the bank
 Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -74,6 +75,40 @@ class RepeatVelocity:
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
         """Do nothing: a repeated velocity needs no history, see `Predictor.executed`."""
+
+
+class FadingAcceleration:
+    """The control in which both agents' last known accelerations continue and fade, as recorded ones do.
+
+    Without a known acceleration an agent keeps its velocity.
+
+    :param fades: by which a step of 0.1 s multiplies the accelerations of vehicle and pedestrian; 1: they are repeated.
+    """
+
+    tracked_steps = TRACKED_STEPS
+
+    def __init__(self, fades: tuple[float, float] = FADES) -> None:
+        self._fades = [np.float32(fade) for fade in fades]
+
+    def begin(self, count: int) -> None:
+        """Prepare for `count` interactions, see `Predictor.begin`."""
+        self._last = [np.zeros((count, 2), np.float32) for _ in AGENTS]
+
+    def act(
+        self,
+        vehicle: NDArray[np.float32],
+        pedestrian: NDArray[np.float32],
+        curvttc: NDArray[np.float64],
+        active: NDArray[np.bool_],
+    ) -> Actions:
+        """Return both agents' accelerations, see `Predictor.act`."""
+        first, second = (fade * last for fade, last in zip(self._fades, self._last, strict=True))
+        return first, second
+
+    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
+        """Keep the last accelerations, see `Predictor.executed`."""
+        for last, action in zip(self._last, actions, strict=True):
+            last[active] = action[active]
 
 
 class PolicyPredictor:

@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import Predictor
+from vpsci_ros.evaluation.predictors import FadingAcceleration, Predictor
 from vpsci_ros.evaluation.roll_out import Seen, roll_out
 from vpsci_ros.evaluation.scene import scene_at
 from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame
 
 OBSERVED = 10  # steps observed before the first predicted one, at most
 LONGEST = 30  # steps of closed loop, 3 s
+LATE, MEAN = 2, 4  # steps by which a sensor has accelerations late, and of which it has the mean
 SHORTEST = 10  # steps from the first critical one to the last, 1 s
 QUANTITIES = ("v_veh_long", "v_veh_lat", "v_ped_long", "v_ped_lat", "d_vp_long", "d_vp_lat", "d_pv_long", "d_pv_lat")
 
@@ -126,14 +127,44 @@ def measure(model: Predictor, interactions: Interactions) -> Measured:
     return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
 
 
+def continued(interactions: Interactions) -> Measured:
+    """Return the errors of `fading_acceleration`: repeated in reconstruction, fading in closed loop."""
+    repeated = reconstruct(FadingAcceleration((1.0, 1.0)), interactions)
+    return {"reconstruction": repeated, "closed_loop": closed_loop(FadingAcceleration(), interactions)}
+
+
 def horizon(interactions: Interactions) -> NDArray[np.int64]:
     """Return the number of closed-loop steps, int64[N]: to the last critical step, at most 3 s."""
     return np.minimum(interactions.last - interactions.first, LONGEST)
 
 
+def known_actions(
+    interactions: Interactions, at: NDArray[np.int64], late: bool = False
+) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.bool_]]:
+    """Return each agent's acceleration known after step `at`, float32[N, 2] [m/s2], and whether it is known, bool[N].
+
+    Recordings are smoothed to both sides in time, so the acceleration of a step shows some tenths of a second of the
+    future. `late` gives what a sensor has: the mean of the `MEAN` steps that ended `LATE` steps before.
+
+    :param at: int64[N], steps; below 0 nothing is known.
+    """
+    rows, ages = np.arange(len(interactions)), range(LATE, LATE + MEAN) if late else range(1)
+    count, total = np.zeros(len(interactions)), {agent: np.zeros((len(interactions), 2)) for agent in AGENTS}
+    for age in ages:
+        there = (at >= age)[:, None]
+        count += there[:, 0]
+        for agent in AGENTS:
+            total[agent] += there * interactions.action[agent][rows, np.maximum(at - age, 0)]
+    mean = {agent: (value / np.maximum(count, 1.0)[:, None]).astype(np.float32) for agent, value in total.items()}
+    return mean, count > 0.0
+
+
 @torch.no_grad()
-def closed_loop_trajectories(model: Predictor, interactions: Interactions) -> NDArray[np.float64]:
-    """Return the predicted motion after the first critical step, float64[N, H, 9], rows as in `Interactions.motion`."""
+def closed_loop_trajectories(model: Predictor, interactions: Interactions, late: bool = False) -> NDArray[np.float64]:
+    """Return the predicted motion after the first critical step, float64[N, H, 9], rows as in `Interactions.motion`.
+
+    :param late: the model gets the accelerations before that step as a sensor has them, see `known_actions`.
+    """
     n = len(interactions)
     model.begin(n)
     rows = np.arange(n)
@@ -142,14 +173,15 @@ def closed_loop_trajectories(model: Predictor, interactions: Interactions) -> ND
         active = interactions.first >= age
         seen = interactions.observation["vehicle"][rows, at], interactions.observation["pedestrian"][rows, at]
         model.act(*seen, interactions.curvttc[rows, at], active)
-        model.executed((interactions.action["vehicle"][rows, at], interactions.action["pedestrian"][rows, at]), active)
+        done, known = known_actions(interactions, interactions.first - age, late)
+        model.executed((done["vehicle"], done["pedestrian"]), active & known)
     start = scene_at(torch.from_numpy(interactions.motion), torch.from_numpy(interactions.first), model.tracked_steps)
-    known, steps = interactions.curvttc[rows, interactions.first], horizon(interactions)
+    ttc, steps = interactions.curvttc[rows, interactions.first], horizon(interactions)
 
     def act(seen: Seen) -> dict[str, torch.Tensor]:
         active = seen.step < steps
         views = [seen.observation[agent].numpy().astype(np.float32) for agent in AGENTS]
-        answers = model.act(views[0], views[1], seen.curvttc.numpy() if seen.step else known, active)
+        answers = model.act(views[0], views[1], seen.curvttc.numpy() if seen.step else ttc, active)
         model.executed(answers, active)
         done = (torch.from_numpy(np.where(active[:, None], answer, 0).astype(np.float64)) for answer in answers)
         return dict(zip(AGENTS, done, strict=True))

@@ -6,18 +6,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.evaluation.onsets import STEPS, Onsets
+from vpsci_ros.evaluation.onsets import STEPS, Onsets, borrowable
 from vpsci_ros.evaluation.predictors import (
     TRACKED_STEPS,
+    FadingAcceleration,
     PeoplePredictor,
     PolicyPredictor,
     Predictor,
     RepeatVelocity,
     sources_for,
 )
-from vpsci_ros.evaluation.protocols import closed_loop_trajectories
+from vpsci_ros.evaluation.protocols import closed_loop_trajectories, known_actions
 from vpsci_ros.evaluation.scene import SHARPEST_TURN, scene_at
-from vpsci_ros.policy.bank import Bank
+from vpsci_ros.policy.bank import SLOWEST, Bank, describe, situations_of
 from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
@@ -25,26 +26,63 @@ from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.drivers.social_force import social_force
 from vpsci_ros.world.kinematics import MAX_DECELERATION
-from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.observation import STEP, arrays_to_heading_frame, observe_arrays
 
 Floats = NDArray[np.float64]
 Simulator = Callable[[Onsets], Floats]
 """Onsets -> positions float64[n, K, 2, 30, 2] [m]."""
 
 ROLL_OUTS = 32  # of stochastic policies; deterministic ones have one
+DONORS = 32  # onsets of other clips whose residuals are borrowed
 _TURNED, _CAME = 5, 0.25  # steps over which a turn is measured, and the least way [m] for it
 _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brakes, as in the world
 
 
 def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
     """Return the positions of both agents under a model, float64[n, 1, 2, 30, 2] [m]."""
-    motion = closed_loop_trajectories(model, onsets.interactions)
+    motion = closed_loop_trajectories(model, onsets.interactions, onsets.late)
     return np.stack([motion[..., 0:2], motion[..., 5:7]], axis=1)[:, None]
 
 
 def tracked(onsets: Onsets) -> Floats:
     """Return positions, float64[n, 1, 2, 30, 2] [m], at constant velocity, the vehicle's by its last positions."""
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
+
+
+def fading(onsets: Onsets) -> Floats:
+    """Return positions, float64[n, 1, 2, 30, 2] [m], while the last accelerations continue and fade."""
+    return rolled_out(FadingAcceleration(), onsets)
+
+
+def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_middle: Floats) -> Floats:
+    """Return roll-outs [n, K, 2, 30, 2] [m]: `middle` plus residuals of the K most similar onsets of other clips.
+
+    A residual is the recording less its own middle trajectory: the vehicle's forward and left of its heading, the
+    pedestrian's in the same frame. Onsets are compared by the features of a bank's situations. The donors are
+    `onsets.borrowable`. K is 32, or as many as there are.
+
+    :param middle: float64[n, 1, 2, 30, 2] [m], a control's roll-outs from `onsets`, say `fading`.
+    :param library_middle: float64[L, 1, 2, 30, 2] [m], that control's roll-outs from `library`.
+    """
+    (here, side), (there, other_side) = describe(_situations(onsets)), describe(_situations(library))
+    deviation = there.std(axis=0) + 1e-9
+    apart = np.linalg.norm((here[:, None] - there[None]) / deviation, axis=2)
+    apart[~borrowable(onsets, library)] = np.inf
+    count = min(DONORS, int(np.isfinite(apart).sum(axis=1).min()))
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, :count]
+    there_heading = library.start[:, 2, None, None]
+    residual = arrays_to_heading_frame(there_heading, library.recorded - library_middle[:, 0])[nearest]
+    residual[..., 1] *= (side[:, None] * other_side[nearest])[:, :, None, None]  # mirrored where the sides differ
+    result: Floats = middle + arrays_to_heading_frame(-onsets.start[:, 2, None, None, None], residual)
+    return result
+
+
+def _situations(onsets: Onsets) -> Floats:
+    """Return the bank's situations at the onsets, float64[n, 7]; without a step before, accelerations are 0."""
+    seen, _ = observe_arrays(*onsets.start.T)
+    done, _ = known_actions(onsets.interactions, onsets.interactions.first - 1, onsets.late)
+    forward, left = done["vehicle"].astype(np.float64).T
+    return situations_of(seen, forward, left / np.maximum(seen[:, 0], SLOWEST))
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:

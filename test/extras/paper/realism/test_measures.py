@@ -9,7 +9,7 @@ from synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.roll_out_scores import energy_score
-from vpsci_ros.extras.paper.realism.controls import residual_sampler
+from vpsci_ros.evaluation.simulators import residual_sampler
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.two_sample import two_sample

@@ -30,14 +30,14 @@ TWO = {name: WEIGHTINGS[name] for name in ("safety", "adaptive")}
 
 def test_sizes_are_measured_on_the_same_clips_none_of_which_they_learn_from(tmp_path, near_misses):
     table = sample_size_study(near_misses, STAGE_1, SMALL, sizes=(4, 8, 16), seed=1, out_dir=tmp_path)
-    assert table["interactions"].to_list() == ["4", "8", "16", "repeat_velocity"]
+    assert table["interactions"].to_list() == ["4", "8", "16", "repeat_velocity", "fading_acceleration"]
     assert (table["vehicle_reward"].drop_nulls() < 0.0).all()
     measured = table["closed_loop_ade"].is_not_null().to_list()
-    assert measured == [True, True, False, True], "16 are all that there are, so none is left to measure on"
-    assert table["vehicle_held_out_reward"].is_not_null().to_list() == measured
+    assert measured == [True, True, False, True, True], "16 are all that there are, so none is left to measure on"
+    assert table["vehicle_held_out_reward"].is_not_null().to_list() == [*measured[:4], False]
     learned_from = [load_weights(tmp_path / n / "pretrained.safetensors").facts["data"] for n in ("4", "8", "16")]
     assert [data["interactions"] for data in learned_from] == [4, 8, 16]
-    assert pl.read_csv(tmp_path / "table_3.csv").height == 4
+    assert pl.read_csv(tmp_path / "table_3.csv").height == 5
 
 
 def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_path, near_misses, networks):
@@ -54,10 +54,10 @@ def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_pat
         out_dir=tmp_path,
         weightings=TWO,
     )
-    assert table["weights"].to_list() == ["safety", "adaptive", "pretrained", "constant_velocity"]
+    assert table["weights"].to_list() == [*TWO, "pretrained", "constant_velocity", "fading_acceleration"]
     assert table["vehicle_w_collision"][0] == pytest.approx(0.6)
-    assert table["vehicle_w_collision"][1:].to_list() == [pytest.approx(1 / 3, abs=0.01), None, None]
-    assert table["critical_episodes"].n_unique() == 1, "who is handed over is decided before any policy acts"
+    assert table["vehicle_w_collision"][1:].to_list() == [pytest.approx(1 / 3, abs=0.01), None, None, None]
+    assert table["critical_episodes"].drop_nulls().n_unique() == 1, "hand-overs come before any policy acts"
     assert 0 < table["critical_episodes"][0] <= 6
     for name in ("collision", "goal"):
         assert (table[f"{name}_low"] <= table[f"{name}_rate"]).all()

@@ -5,6 +5,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -122,7 +123,8 @@ def _tell(notify: Notify, name: str, before: int, total: int, done: int) -> None
 
 
 def _measured(same_start: SameStart, simulate: Simulator, tell: Callable[[int], None]) -> dict[str, Any]:
-    return same_start.measure(simulate(same_start.onsets), tell)
+    onsets = same_start.onsets
+    return same_start.measure(simulate(onsets), simulate(replace(onsets, late=True)), tell)
 
 
 def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:

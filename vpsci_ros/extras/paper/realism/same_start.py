@@ -1,10 +1,12 @@
 """Protocol A: simulators and recordings from the same recorded onsets, scored beside controls.
 
 Both agents set out from the first step at which CurvTTC, as known then, is below 5 s, with up to a second of history,
-and run for 3 s. `constant_velocity_tracked`, `constant_turn`, `social_force` and `residual_sampler` are the controls.
+and run for 3 s. `CONTROLS` names the controls. In `fading_acceleration` and `residual_sampler`, the fair ones, the
+acceleration at the onset continues, as recorded acceleration does.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +14,9 @@ from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets
 from vpsci_ros.evaluation.roll_out_scores import energy_score, errors, min_ade
-from vpsci_ros.evaluation.simulators import Simulator, rule_based, tracked
+from vpsci_ros.evaluation.simulators import Simulator, fading, residual_sampler, rule_based, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
-from vpsci_ros.extras.paper.realism.controls import CONTROL, TURN, constant_turn, residual_sampler
+from vpsci_ros.extras.paper.realism.controls import CONTROL, FADING, SAMPLER, TURN, constant_turn
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.motion import motion, with_onset
@@ -46,8 +48,9 @@ class SameStart:
         self._draws = cluster_counts(self.units.labels, seed)
         own = features(onsets.recorded[:, None], onsets)
         self._real = {name: value[:, 0] for name, value in own.items()}
-        middles = {"constant_velocity": self._middle, TURN: self._turn}
-        self._energies = {name: energy_score(middle, onsets.recorded) for name, middle in middles.items()}
+        scored = {"constant_velocity": self._middle, TURN: self._turn}
+        scored |= {FADING: fading(onsets), SAMPLER: self._residuals(onsets)}
+        self._energies = {name: energy_score(own, onsets.recorded) for name, own in scored.items()}
         self._ends = [likelihoods(p, onsets)["all"] for p in (self._middle, onsets.recorded[:, None])]
 
     def controls(self) -> dict[str, Simulator]:
@@ -56,25 +59,28 @@ class SameStart:
             "recorded": lambda onsets: onsets.recorded[:, None],
             CONTROL: lambda onsets: self._middle,
             TURN: lambda onsets: self._turn,
+            FADING: fading,
             "social_force": rule_based,
-            "residual_sampler": self._residuals,
+            SAMPLER: self._residuals,
         }
 
     def _residuals(self, onsets: Onsets) -> Floats:
-        same = self._library is onsets
-        return residual_sampler(
-            onsets, self._library, self._middle, self._middle if same else tracked(self._library)
-        )  # fmt: skip
+        library = replace(self._library, late=onsets.late)
+        return residual_sampler(onsets, library, fading(onsets), fading(library))
 
-    def measure(self, positions: Floats, tell: Callable[[int], None] = lambda _: None) -> dict[str, Any]:
+    def measure(
+        self, positions: Floats, late: Floats | None = None, tell: Callable[[int], None] = lambda _: None
+    ) -> dict[str, Any]:
         """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by `units`.
 
         The recording itself, given as roll-outs, shows how far the classifier separates by the borrowed noise alone.
 
+        :param late: roll-outs with accelerations as a sensor has them (`Onsets.late`), float64[n, K, 2, 30, 2] [m]; the
+            result then has their energy score and ADE as `late`.
         :param tell: called with 1, 2, .. before the test of each of `FAMILIES`.
         """
         onsets = self.onsets
-        scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)
+        likely = likelihoods(positions, onsets)
         contact = motion(with_onset(positions, onsets.start), onsets.start, onsets.size).clearance <= 0.0
         touched = contact.any(axis=-1).mean(axis=1)
         made = [self._seen(positions, self._seed + k) for k in range(self._repetitions)]
@@ -93,10 +99,8 @@ class SameStart:
         low, high = (end.mean() for end in self._ends)
         return {
             "roll_outs": positions.shape[1],
-            "energy_score": float(scores.mean()),
-            "energy_score_interval": self._mean(scores),
-            **self._of_controls(scores),
-            "ade": float(errors(positions, onsets.recorded).mean()),
+            **self._errors(positions),
+            **({} if late is None else {"late": self._errors(late)}),
             "min_ade_6": float(min_ade(positions, onsets.recorded).mean()),
             "likelihood": float(likely["all"].mean()),
             "likelihood_interval": self._mean(likely["all"]),
@@ -121,11 +125,21 @@ class SameStart:
         drawn = np.take_along_axis(positions, chosen, axis=1)
         return features(with_borrowed_noise(drawn, self.onsets, seed, self._noise), self.onsets)
 
-    def _of_controls(self, scores: Floats) -> dict[str, Any]:
-        out: dict[str, Any] = {}
-        for name, control in self._energies.items():
-            out[f"of_{name}"] = float(scores.mean() / control.mean())
-            out[f"of_{name}_interval"] = list(interval((self._draws @ scores) / (self._draws @ control)))
+    def _errors(self, positions: Floats) -> dict[str, Any]:
+        """Return energy score and ADE, and the score as a share of each control's, the ADE as one of `FADING`'s."""
+        scores, ades = (
+            energy_score(positions, self.onsets.recorded),
+            errors(positions, self.onsets.recorded).mean(axis=1),
+        )
+        out: dict[str, Any] = {
+            "energy_score": float(scores.mean()),
+            "energy_score_interval": self._mean(scores),
+            "ade": float(ades.mean()),
+        }
+        shares = {f"of_{name}": (scores, control) for name, control in self._energies.items()}
+        for name, (own, control) in (shares | {f"ade_of_{FADING}": (ades, self._energies[FADING])}).items():
+            out[name] = float(own.mean() / control.mean())
+            out[f"{name}_interval"] = list(interval((self._draws @ own) / (self._draws @ control)))
         return out
 
     def _mean(self, values: Floats) -> list[float]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import split_by_clip, table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import HeldOut
+from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
@@ -36,7 +36,7 @@ from vpsci_ros.world.observation import AGENTS
 SAMPLE_SIZES = tuple(TABLE_3)
 WEIGHTINGS: Mapping[str, tuple[float, ...]] = {name: row.weights for name, row in TABLE_5.items()}
 UNREFINED, NO_ACCELERATION = "pretrained", "constant_velocity"  # controls of Table 5
-REPEATED = "repeat_velocity"  # control of Table 3
+REPEATED, FADING = "repeat_velocity", "fading_acceleration"  # controls of Table 3
 LAST = 0.1  # share of a run's iterations at its end that count as convergence
 
 
@@ -96,6 +96,7 @@ def sample_size_study(
     if held_out is not None:
         control = held_out.control | rewards(RepeatVelocity(), held_out.interactions)
         rows.append({"interactions": REPEATED} | control)
+        rows.append({"interactions": FADING} | held_out.fading)
     return _written(rows, out_dir / "table_3.csv")
 
 
@@ -114,7 +115,8 @@ def reward_weight_study(
 ) -> pl.DataFrame:
     """Run stage 2 under each weighting of its rewards (Table 5); return and write `table_5.csv`.
 
-    The last rows are controls: the weights that all start from, and no acceleration at all. Columns: `weights`; the
+    The last rows are controls: the weights that all start from, no acceleration at all, and, for the errors alone, the
+    last acceleration (`protocols.continued`). Columns: `weights`; the
     rates of `rates_with_intervals`; ADE and FDE [m] of both protocols on the held-out clips; where there was learning,
     the final weights by agent (`vehicle_w_collision`, ...), and `updates`, `refreshes`.
 
@@ -152,6 +154,8 @@ def reward_weight_study(
     for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
         done = once(out_dir / name, identity, partial(measured, model))
         rows.append({"weights": name} | done | errors[error])
+    _, held_out = split_as_before(near_misses, weights, config.held_out_fraction, learner_seed)
+    rows.append({"weights": FADING} | HeldOut(held_out).fading)
     return _written(rows, out_dir / "table_5.csv")
 
 

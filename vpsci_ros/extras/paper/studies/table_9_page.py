@@ -10,6 +10,7 @@ PAGE = "models.md"
 _CONTROLS = {
     "repeat_velocity": "last velocity repeated",
     "constant_velocity_tracked": "constant velocity, tracked",
+    "fading_acceleration": "last acceleration repeated; in closed loop fading",
 }
 
 

@@ -42,7 +42,7 @@ def print_table_3(table: pl.DataFrame, console: Console) -> None:
     console.print(
         "Rewards and losses depend on the data, so the paper's show a trend only. Rewards in training are measured "
         "against the subset's own deviations, those on held-out clips against the whole table's. '-': all clips are "
-        "needed to learn from, so none is held out. repeat_velocity is the control.",
+        "needed to learn from, so none is held out. repeat_velocity and fading_acceleration are controls.",
         highlight=False,
     )
 
@@ -54,12 +54,13 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
     for row in table.iter_rows(named=True):
         paper = TABLE_5.get(row["weights"])
         cells = []
-        for name in ("collision", "goal"):
+        for name in ("collision", "goal") if row["collision_rate"] is not None else ():
             low, rate, high = (100.0 * row[f"{name}_{part}"] for part in ("low", "rate", "high"))
             cells += [f"{rate:.1f} ({low:.0f}-{high:.0f})"]
             cells += [f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""]
-        cells += [f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")]
-        rates.append((row["weights"], *cells))
+        if cells:
+            cells += [f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")]
+            rates.append((row["weights"], *cells))
         once, loop = (
             [f"{row[f'{protocol}_{error}']:.{digits}f}" for error in ("ade", "fde")]
             for protocol, digits in (("reconstruction", 4), ("closed_loop", 3))
@@ -74,7 +75,8 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
     heads += ["w in %:\nvehicle", "\npedes-\ntrian"]
     console.print(text_table(title, ["weights", *heads], errors))
     console.print(
-        "Controls: pretrained is what all start from; constant_velocity accelerates nobody. "
+        "Controls: pretrained is what all start from; constant_velocity accelerates nobody; fading_acceleration "
+        "repeats the last acceleration, and lets it fade in closed loop. "
         "CurvTTC: median of the episodes' least. w: collision, goal, speed. The intervals are "
         f"those of {count} episodes after one training each: the luck of a training's seed is not in them.",
         highlight=False,
