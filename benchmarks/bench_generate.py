@@ -35,6 +35,7 @@ from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.workers import ThisMachine
 from vpsci_ros.world import World, loop
 
 BATCHES = (64, 128, 256, 512, 1024, 2048)
@@ -82,7 +83,7 @@ def end_to_end(job: Job, targets: Mapping[int, int], workers: int) -> dict[str, 
     """Generate a dataset, of so many kept episodes by scenario, and return its rate, its times and the memory of it."""
     folder, used = Path(tempfile.mkdtemp()), cpu_seconds()
     begin = time.perf_counter()
-    done = generate(job, targets, folder / "d", partial(part_writers, job, PARALLEL, workers))
+    done = generate(job, targets, folder / "d", partial(part_writers, job, PARALLEL, ThisMachine(workers)))
     wall = time.perf_counter() - begin
     rows = done.description["scenarios"].values()
     kept = sum(row["kept"] for row in rows)

@@ -2,7 +2,7 @@
 r"""Write what is installed for what, its licences and its hashes, from a report of pip.
 
     pip install --dry-run --ignore-installed --report report.json -c constraints.txt \
-        '.[learn,ros,messages,rl,exam_extra,paper,formats,carla,drive,planner,sumo,highway,baselines,test,docs]'
+        '.[learn,ros,messages,rl,exam_extra,paper,formats,carla,drive,cluster,planner,sumo,highway,baselines,test,docs]'
     .venv/bin/python tools/dependencies.py report.json
 
 Writes docs/dependencies.md (what this package itself requires), docs/dependencies.csv (every package) and

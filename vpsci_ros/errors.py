@@ -23,6 +23,7 @@ _EXTRAS = {
     "av": "formats",
     "carla": "carla",
     "commonroad": "commonroad",
+    "distributed": "cluster",
     "fiss_planner": "planner",
     "foxglove": "drive",
     "gymnasium": "rl",

@@ -37,6 +37,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights, save_weights
 from vpsci_ros.report.summary import print_info
 from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.workers import ThisMachine
 from vpsci_ros.world.opendrive import OpenDriveMap
 from vpsci_ros.world.scenario import load_scenario, scenario_files
 
@@ -223,7 +224,8 @@ def _weights(folder: Path) -> Path:
 def _dataset(folder: Path) -> Path:
     """Two episodes of the rule-based pair; what is damaged is the description."""
     sections = load("stage3_generate", RULES)
-    generate(job_from(sections), {1: 2}, folder / "dataset", partial(part_writers, job_from(sections), 8, 1))
+    job = job_from(sections)
+    generate(job, {1: 2}, folder / "dataset", partial(part_writers, job, 8, ThisMachine()))
     return folder / "dataset" / DESCRIPTION
 
 

@@ -13,6 +13,7 @@ from vpsci_ros.generate.job import Job, job_from
 from vpsci_ros.generate.run import Generated, generate, part_writers
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.workers import ThisMachine
 
 
 @pytest.fixture(scope="session")
@@ -57,7 +58,8 @@ def make(job: Job) -> Callable[..., Generated]:
     def run(
         folder: Path, workers: int = 1, *, of: Job = job, unit: int = UNIT, parallel: int = PARALLEL, **options: Any
     ):
-        return generate(of, TARGETS, folder, partial(part_writers, of, parallel, workers), unit=unit, **options)
+        start = partial(part_writers, of, parallel, ThisMachine(workers))
+        return generate(of, TARGETS, folder, start, unit=unit, **options)
 
     return run
 

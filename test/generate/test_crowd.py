@@ -19,6 +19,7 @@ from vpsci_ros.generate.verify import verify
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.workers import ThisMachine
 
 NAME = "LocationA_PedCross_S-N"
 
@@ -35,7 +36,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"world_simulator": world, "vehicle_policy": policy, "pedestrian_policy": policy, "dataset": dataset}
     )
     job = job_from(sections)
-    generate(job, {1: 12}, folder / "dataset", partial(part_writers, job, 40, 1), unit=UNIT)
+    generate(job, {1: 12}, folder / "dataset", partial(part_writers, job, 40, ThisMachine()), unit=UNIT)
     return folder / "dataset"
 
 

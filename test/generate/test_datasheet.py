@@ -10,6 +10,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, part_writers
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.workers import ThisMachine
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,7 @@ def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     anything = {"critical_ttc": 60.0, "least_frames": 1, "vehicle_distance": 0.0, "pedestrian_distance": 0.0}
     job = job_from(Sections({"world_simulator": world, "dataset": anything}))
     folder = tmp_path_factory.mktemp("crowd") / "dataset"
-    generate(job, {104: 4}, folder, partial(part_writers, job, 40, 1), unit=UNIT)
+    generate(job, {104: 4}, folder, partial(part_writers, job, 40, ThisMachine()), unit=UNIT)
     return folder
 
 

@@ -25,7 +25,7 @@ from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.run import generate, part_writers, simulators
 from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.runs.files import atomic_write, sha256
-from vpsci_ros.runs.workers import Processes, Serial
+from vpsci_ros.runs.workers import Place, Processes, Serial, ThisMachine
 
 
 def hashes(folder: Path) -> dict[str, str]:
@@ -67,9 +67,13 @@ def test_a_finished_dataset_that_lost_something_is_not_said_to_be_there(make, ma
         make(folder)
 
 
+def job_in(parts, job, batch: int):
+    return partial(storing, job, batch, parts, Place(parts.folder))
+
+
 def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(partial(storing, job, 64, parts)), unit=UNIT)
+        generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
     assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
     assert len(list((tmp_path / "d" / FOLDER).glob("*.arrow"))) == 2
     resumed = make(tmp_path / "d", unit=1000)  # goes on in the units of old
@@ -94,7 +98,7 @@ def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record
 
 def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(partial(storing, job, 64, parts)), unit=UNIT)
+        generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
     part = next((tmp_path / "d" / FOLDER).glob("*.arrow"))
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
@@ -130,7 +134,7 @@ def test_two_processes_of_which_one_is_killed_and_other_units_and_batches_give_t
                 os.kill(next(iter(self._processes.values())).pid, signal.SIGKILL)
             return found
 
-    generate(job, TARGETS, tmp_path / "d", lambda parts: Murdered(partial(storing, job, 8, parts), 2), unit=21)
+    generate(job, TARGETS, tmp_path / "d", lambda parts: Murdered(job_in(parts, job, 8), 2), unit=21)
     assert hashes(tmp_path / "d") == hashes(made)
 
 
@@ -179,7 +183,7 @@ def test_another_configuration_is_refused_naming_what_differs(job, make, made, t
     with pytest.raises(InvalidInput, match="holds a dataset with seed = 3, and this one has 4"):
         make(made, of=other)
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(partial(storing, job, 64, parts)), unit=UNIT)
+        generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
     world = dataclasses.replace(job.world, release_time=0.5)
     with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 5\.0, and this one has 0\.5"):
         make(tmp_path / "d", of=dataclasses.replace(job, world=world))
@@ -203,7 +207,7 @@ def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, m
 
     monkeypatch.setattr("vpsci_ros.generate.parts.atomic_write", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
-        generate(job, TARGETS, tmp_path / "d", lambda parts: Serial(partial(storing, job, 64, parts)), unit=UNIT)
+        generate(job, TARGETS, tmp_path / "d", lambda parts: Serial(job_in(parts, job, 64)), unit=UNIT)
     monkeypatch.undo()
     make(tmp_path / "d")
     assert hashes(tmp_path / "d") == hashes(made)
@@ -213,7 +217,7 @@ def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path, monkeypatch
     monkeypatch.setattr("vpsci_ros.generate.run.DatasetPlan", partial(DatasetPlan, give_up=1.0))
     strict = dataclasses.replace(job, filters=dataclasses.replace(job.filters, vehicle_distance=1000.0))
     with pytest.raises(VpsciError, match=r"0 of \d+ episodes passed the filters, 12 are wanted"):
-        generate(strict, TARGETS, tmp_path, partial(part_writers, strict, 64, 1), unit=UNIT)
+        generate(strict, TARGETS, tmp_path, partial(part_writers, strict, 64, ThisMachine()), unit=UNIT)
 
 
 def test_counts_add_up(made) -> None:

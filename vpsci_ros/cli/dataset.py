@@ -7,7 +7,19 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, People, Quiet, Resumable, Settings, of_people, stoppable, writes_folder
+from vpsci_ros.cli.options import (
+    Cluster,
+    MixedCpus,
+    Params,
+    People,
+    Quiet,
+    Resumable,
+    Settings,
+    of_people,
+    site_of,
+    stoppable,
+    writes_folder,
+)
 from vpsci_ros.errors import InvalidInput, VpsciError
 
 dataset_app = typer.Typer(no_args_is_help=True, help="Inspect and verify generated datasets.")
@@ -30,6 +42,8 @@ def generate(
     people: People = None,
     settings: Settings = None,
     workers: Count = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     quiet: Quiet = False,
 ) -> None:
     """Generate a dataset of episodes (stage 3); the same command resumes a stopped run."""
@@ -55,9 +69,18 @@ def generate(
     targets = {s.number: wanted or TABLE_10[s.number].kept for s in job.scenarios}
     first = sections.get(RunConfig, "world_simulator").first_episode
     names = {s.number: s.name for s in job.scenarios}
-    with stoppable(output), ProgressOfRun(names, quiet=quiet) as progress:
-        start = partial(part_writers, job, PARALLEL, workers or _cores())
-        done = run(job, targets, output, start, first=first, formats=values.formats, report=progress.show)
+    site = site_of(workers, cluster, mixed_cpus, default=_cores())
+    with stoppable(output), ProgressOfRun(names, quiet=quiet, where=site.hosts) as progress:
+        done = run(
+            job,
+            targets,
+            output,
+            partial(part_writers, job, PARALLEL, site),
+            first=first,
+            formats=values.formats,
+            mixed_cpus=site.mixed_cpus,
+            report=progress.show,
+        )
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
     ranged = [row["beyond_range"] for row in done.description["scenarios"].values() if row.get("beyond_range")]

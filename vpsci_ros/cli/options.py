@@ -11,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from vpsci_ros.runs.config import Sections
+    from vpsci_ros.runs.workers import Site
 
 P = ParamSpec("P")
 
@@ -58,6 +59,44 @@ NearMisses = Annotated[
         "Default: the parameter file's, or right_turns/train.",
     ),
 ]
+
+
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        envvar="DASK_SCHEDULER_ADDRESS",
+        help="Work on a Dask cluster instead (docs/cluster.md): its scheduler, tcp://host:8786, or a scheduler file.",
+    ),
+]
+MixedCpus = Annotated[
+    bool,
+    typer.Option("--mixed-cpus", help="Take workers with other CPUs, too: last bits differ, and the output says so."),
+]
+
+
+def site_of(workers: int | None, cluster: str | None, mixed_cpus: bool, *, default: int = 1) -> "Site":
+    """Return where the work is done, by the options --workers, --cluster and --mixed-cpus.
+
+    :param default: processes of this machine if nothing is said.
+    :raises InvalidInput: they contradict each other.
+    """
+    from vpsci_ros.errors import InvalidInput
+    from vpsci_ros.runs.workers import ThisMachine
+
+    if not cluster:
+        if mixed_cpus:
+            raise InvalidInput("--mixed-cpus is about the workers of a cluster; give --cluster ADDRESS, too")
+        return ThisMachine(workers or default)
+    if workers is not None:
+        raise InvalidInput(
+            f"--workers {workers} counts processes of this machine, and --cluster {cluster} has workers of its own; "
+            "give one of them"
+        )
+    from vpsci_ros.runs.cluster import DaskCluster
+
+    return DaskCluster(cluster, mixed_cpus)
 
 
 def writes_folder(command: Callable[P, None]) -> Callable[P, None]:

@@ -64,7 +64,7 @@ def run_with_all(
 
     pool = local_workers(partial(conductor, parts, titles, folder), min(workers, len(runs)))
     with contextlib.closing(pool), Bars(quiet=quiet or alone) as bars:
-        for run, result in computed(pool, following, ahead=0):
+        for run, result in computed(pool, following, ahead=False):
             found[run] = result
             done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
             bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")

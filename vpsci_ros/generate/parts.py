@@ -59,16 +59,21 @@ def read_part(path: Path) -> tuple[NDArray[np.void], pa.Table] | None:
 class Parts:
     """The parts of one run; use `parts_of` to open them.
 
+    :ivar folder: in which the parts lie.
     :ivar unit: episodes in a unit of this run.
     """
 
     def __init__(self, folder: Path, unit: int) -> None:
-        self._folder = folder
+        self.folder = folder
         self.unit = unit
+
+    def at(self, folder: Path) -> "Parts":
+        """Return this run's parts in another folder."""
+        return Parts(folder, self.unit)
 
     def path(self, unit: Unit) -> Path:
         """Return the path of a unit's part."""
-        return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.arrow"
+        return self.folder / f"{unit.scenario}-{unit.numbers[0]:010d}.arrow"
 
     def load(self, unit: Unit) -> tuple[NDArray[np.void], pa.Table] | None:
         """Return a unit's records and rows; None if it is unfinished or its part damaged; a damaged part is removed."""
@@ -78,11 +83,11 @@ class Parts:
 
     def finished(self, scenario: int) -> list[int]:
         """Return the first numbers of a scenario's finished units."""
-        return sorted(int(path.stem.partition("-")[2]) for path in self._folder.glob(f"{scenario}-*.arrow"))
+        return sorted(int(path.stem.partition("-")[2]) for path in self.folder.glob(f"{scenario}-*.arrow"))
 
     def remove(self) -> None:
         """Remove the parts of a complete dataset."""
-        shutil.rmtree(self._folder)
+        shutil.rmtree(self.folder)
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 """The progress of a generation: a bar for each scenario with kept, rejected, acceptance, rate and time left."""
 
 import time
+from collections.abc import Callable
 
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.runs.progress import LINE_EVERY, Bars
@@ -11,10 +12,18 @@ class ProgressOfRun(Bars):
     """A bar for each scenario; without a terminal, one line for all scenarios at intervals and at the end.
 
     :param names: of the scenarios by number.
+    :param where: returns the names of the machines at work.
     """
 
-    def __init__(self, names: dict[int, str], *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
-        super().__init__(quiet=quiet, interval=interval)
+    def __init__(
+        self,
+        names: dict[int, str],
+        *,
+        quiet: bool = False,
+        interval: float = LINE_EVERY,
+        where: Callable[[], str] = str,
+    ) -> None:
+        super().__init__(quiet=quiet, interval=interval, where=where)
         self._names = names
         self._before: dict[int, int] | None = None
 

@@ -27,7 +27,7 @@ from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
-from vpsci_ros.runs.workers import Workers, computed, local_workers
+from vpsci_ros.runs.workers import Site, Workers, computed, local_workers
 
 UNIT = 1024  # episodes in a unit of work; small datasets have smaller ones
 PARALLEL = 1024  # episodes that a worker simulates side by side
@@ -53,9 +53,9 @@ def simulators(job: Job, batch: int, count: int) -> Workers[Unit, EpisodeBlock]:
     return local_workers(partial(Simulator, job, batch), count)
 
 
-def part_writers(job: Job, batch: int, count: int, parts: Parts) -> Workers[Unit, int]:
-    """Return `count` worker processes that write parts of a dataset, see `storing`; for a count of 1, this process."""
-    return local_workers(partial(storing, job, batch, parts), count)
+def part_writers(job: Job, batch: int, site: Site, parts: Parts) -> Workers[Unit, int]:
+    """Return the workers of a site that make parts of a dataset, see `storing`."""
+    return site.start(partial(storing, job, batch, parts), parts.folder)
 
 
 def generate(
@@ -67,6 +67,7 @@ def generate(
     unit: int = UNIT,
     first: int = 0,
     formats: Sequence[str] = FORMATS[:1],
+    mixed_cpus: bool = False,
     report: Report | None = None,
 ) -> Generated:
     """Generate a dataset, or resume a stopped one.
@@ -80,6 +81,7 @@ def generate(
         a unit are kept.
     :param unit: most episodes in a unit of work of a new run.
     :param formats: of `vpsci_ros.data.dataset_tables.FORMATS`.
+    :param mixed_cpus: workers may have several kinds of CPU, as dataset.json then says.
     :param report: called after each unit.
     :raises InvalidInput: `folder` has another content, or this dataset, damaged; or another process uses it.
     :raises VpsciError: a scenario keeps almost no episode, workers die repeatedly, or the disk is full.
@@ -89,7 +91,7 @@ def generate(
         "first_episode": first,
         "kept_wanted": {str(number): targets[number] for number in sorted(targets)},
         "formats": list(formats),
-    }
+    } | ({"mixed_cpus": True} if mixed_cpus else {})
     versions = {"versions": software_versions()}
     begin = time.monotonic()
     with parts_of(folder, run | versions, min(unit, max(32, 2 * max(targets.values())))) as parts:

@@ -15,8 +15,10 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.parts import Parts, write_part
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
+from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.onset_range import onsets_in, ranges
 from vpsci_ros.policy.policy_file import policy_from_bytes
+from vpsci_ros.runs.workers import Place
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
@@ -73,13 +75,14 @@ def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
     return EpisodeBlock(records, block.values)
 
 
-def storing(job: Job, batch: int, parts: Parts) -> Callable[[Unit], int]:
-    """Return a function that computes a unit, writes its part, and returns the number of its kept episodes."""
-    simulator = Simulator(job, batch)
+def storing(job: Job, batch: int, parts: Parts, place: Place) -> Callable[[Unit], int]:
+    """Return a function that computes a unit, writes its part at a place, and returns the number of kept episodes."""
+    compile_kernels()  # on a machine where that has not been done
+    simulator, here = Simulator(job, batch), parts.at(place.folder)
 
     def store(unit: Unit) -> int:
         block = simulator(unit)
-        write_part(parts.path(unit), block)
+        write_part(here.path(unit), block)
         return int(np.count_nonzero(block.kept))
 
     return store

@@ -7,10 +7,12 @@ machine. Where the kernels are compiled, nothing is imported for this check. Ker
 several pedestrians, are compiled at their first call.
 """
 
+import fcntl
 import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from vpsci_ros.runs.kernel_cache import choose_cache_folder
 
@@ -68,6 +70,13 @@ def compile_kernels() -> None:
     folder = choose_cache_folder()
     if folder is None or not folder.is_absolute() or (folder / DONE).exists():
         return
+    with (folder / "compiling").open("w") as lock:  # several workers of a cluster start at once on a machine
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / DONE).exists():
+            _compile(folder)
+
+
+def _compile(folder: Path) -> None:
     print("compiling for this machine, once: up to a minute", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", __name__]
     running = [subprocess.Popen([*command, part], stderr=subprocess.PIPE, text=True) for part in PARTS]

@@ -4,6 +4,7 @@ import math
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rich.console import Console
@@ -24,10 +25,14 @@ class Bars:
     :param title: what is being done, until `line` says more.
     :param quiet: show nothing.
     :param interval: seconds between lines; later `LATER` of the time gone.
+    :param where: returns the names of the machines at work, for the lines; empty for this machine.
     """
 
-    def __init__(self, title: str = "", *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
+    def __init__(
+        self, title: str = "", *, quiet: bool = False, interval: float = LINE_EVERY, where: Callable[[], str] = str
+    ) -> None:
         console = Console(stderr=True)
+        self._where = where
         self._lines, self._interval = not console.is_terminal and not quiet, interval
         self._begun = self._said = time.monotonic()
         self._tasks: dict[str, TaskID] = {}
@@ -106,7 +111,7 @@ class Bars:
         at = time.monotonic()
         pause = max(self._interval, LATER * (at - self._begun))
         if self._lines and (now or at - self._said >= pause):
-            text = text or self._done()
+            text = ", ".join(part for part in (text or self._done(), self._where()) if part)
             self._say(f"{text}; {self._times()}" if text else self._times())
 
 

@@ -1,6 +1,6 @@
-"""Worker processes that compute units of work; a process that dies is replaced.
+"""Workers that compute units of work: this process, processes of this machine, or a cluster (`runs.cluster`).
 
-A worker gets the job once, then units, and returns the result of each. `Serial` does the same without processes.
+A worker gets the job once, then units, and returns the result of each. A worker that dies is replaced.
 """
 
 import contextlib
@@ -10,10 +10,13 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from vpsci_ros.errors import VpsciError
 
@@ -27,10 +30,29 @@ Job = Callable[[], Callable[[Unit], Result]]
 """Made once in each worker; what it returns is called with one unit after another."""
 
 
+class Place(NamedTuple):
+    """The place where a worker does a job.
+
+    :ivar folder: into which the units write their files.
+    :ivar root: folder with copies of the files that the job reads; empty: they are where they were named.
+    """
+
+    folder: Path
+    root: str = ""
+
+    def path(self, text: str) -> str:
+        """Return where the file named `text` lies at this place; a name that is no absolute path is returned as is."""
+        return self.root + text if Path(text).is_absolute() else text
+
+
+PlacedJob = Callable[[Place], Callable[[Unit], Result]]
+"""A job that reads files and writes files, made at a place."""
+
+
 class Serial(Generic[Unit, Result]):
     """Computes units in this process, one in each `collect`."""
 
-    size = 1
+    size = spare = 1
 
     def __init__(self, job: Job[Unit, Result]) -> None:
         self._do = job()
@@ -58,6 +80,8 @@ class Processes(Generic[Unit, Result]):
     place, and its unit is done again. A pool of `concurrent.futures` or of loky, whose processes share a pipe that
     the parent can write to as well, waits for ever for a process that is killed while it writes a result.
     """
+
+    spare = 1
 
     def __init__(self, job: Job[Unit, Result], size: int) -> None:
         self.size = size
@@ -149,7 +173,80 @@ class Processes(Generic[Unit, Result]):
             self._stop(connection)
 
 
-Workers = Serial[Unit, Result] | Processes[Unit, Result]
+class Workers(Protocol[Unit, Result]):
+    """Workers of one job."""
+
+    @property
+    def size(self) -> int:
+        """Units that they compute at a time."""
+
+    @property
+    def spare(self) -> int:
+        """Further units that are worth submitting, so that no worker waits for its next one."""
+
+    def submit(self, unit: Unit) -> None:
+        """Queue a unit of work."""
+
+    def collect(self) -> list[tuple[Unit, Result]]:
+        """Wait for finished units, and return them with their results; none where `size` has grown."""
+
+    def close(self) -> None:
+        """Stop the workers, also in the middle of a unit."""
+
+
+class Site(Protocol):
+    """Where work is done: on this machine or on a cluster."""
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process computes one unit at a time."""
+
+    @property
+    def mixed_cpus(self) -> bool:
+        """Whether workers may have other CPUs than this machine, and results other last bits."""
+
+    def start(
+        self,
+        job: PlacedJob[Unit, Result],
+        folder: Path,
+        *,
+        most: int | None = None,
+        reads: Callable[[], Iterable[Path]] = tuple,
+        whole_host: bool = False,
+    ) -> Workers[Unit, Result]:
+        """Return workers of a job.
+
+        :param folder: into which the files go that the units write.
+        :param most: units that there are to compute.
+        :param reads: returns the user's files that the job reads, with their absolute paths.
+        :param whole_host: a unit needs all of a machine, where there are several.
+        """
+
+    def hosts(self) -> str:
+        """Return the names of the machines at work; empty for this machine."""
+
+
+@dataclass(frozen=True)
+class ThisMachine:
+    """Work on this machine, by `count` processes; for a count of 1, by this process itself."""
+
+    count: int = 1
+    mixed_cpus = False
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process does the work."""
+        return self.count == 1
+
+    def start(
+        self, job: PlacedJob[Unit, Result], folder: Path, *, most: int | None = None, **_: object
+    ) -> Workers[Unit, Result]:
+        """Return workers of a job, see `Site`."""
+        return local_workers(partial(job, Place(folder)), min(self.count, most or self.count))
+
+    def hosts(self) -> str:
+        """Return nothing: it is this machine."""
+        return ""
 
 
 def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
@@ -158,15 +255,16 @@ def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
 
 
 def computed(
-    workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: int = 1
+    workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: bool = True
 ) -> Iterator[tuple[Unit, Result]]:
-    """Submit units and yield each with its result; up to `ahead` more units than workers are submitted at a time.
+    """Submit units and yield each with its result.
 
     :param next_unit: returns what is worth doing next; None: nothing, as things are.
+    :param ahead: submit more units than the workers compute at a time, so that none waits.
     """
     running = 0
     while True:
-        while running < workers.size + ahead and (unit := next_unit()) is not None:
+        while running < workers.size + ahead * workers.spare and (unit := next_unit()) is not None:
             workers.submit(unit)
             running += 1
         if not running:
@@ -179,7 +277,7 @@ def computed(
 def _work(connection: Connection, parent: int) -> None:
     """Be a worker process: receive the job, then compute one unit after another until the parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to deal with
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=end_with, args=(parent,), daemon=True).start()
     try:
         connection.send(_READY)
         job: Job[Any, Any] = connection.recv()
@@ -192,7 +290,7 @@ def _work(connection: Connection, parent: int) -> None:
         connection.send(error)
 
 
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
     """End this process when its parent is gone, which a killed parent cannot see to itself."""
     while os.getppid() == parent:
         time.sleep(1.0)

@@ -264,7 +264,7 @@ class _Again:
         def following() -> Unit | None:
             return next((unit for unit in waiting if self._budget.open), None)
 
-        for (factor, changed), result in computed(self._pool, following, ahead=0):
+        for (factor, changed), result in computed(self._pool, following, ahead=False):
             rows = episode_table(result, [], self._exam.config, driver=ADS, pedestrian=self.pedestrian)
             failed = dict(zip(rows.select("scenario", "episode").iter_rows(),
                               rows[self._exam.config.failure], strict=True))  # fmt: skip

@@ -1,0 +1,33 @@
+"""A dataset made on a Dask cluster: a scheduler and two workers, processes on the loopback."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+from dask_cluster import local_cluster
+from generate.small import TARGETS, UNIT
+
+from vpsci_ros.generate.run import generate, part_writers
+
+cluster = pytest.importorskip("vpsci_ros.runs.cluster")
+pytest.importorskip("distributed")
+
+
+def test_two_workers_of_a_cluster_make_the_bytes_of_one_process(job, made: Path, tmp_path: Path) -> None:
+    with local_cluster(tmp_path / "cluster") as local:
+        site = cluster.DaskCluster(str(local.file))
+        where = []
+        done = generate(
+            job,
+            TARGETS,
+            tmp_path / "set",
+            partial(part_writers, job, 64, site),
+            unit=UNIT,
+            report=lambda _: where.append(site.hosts()),
+        )
+        assert done.computed > 0
+        assert not local.children(), "processes that were left on the cluster"
+    names = sorted(path.name for path in made.iterdir() if path.name != "generation.json")
+    assert names == sorted(path.name for path in (tmp_path / "set").iterdir() if path.name != "generation.json")
+    assert all((made / name).read_bytes() == (tmp_path / "set" / name).read_bytes() for name in names if "." in name)
+    assert any("(2)" in text for text in where), "both workers are at work and named"
