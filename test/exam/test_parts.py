@@ -52,7 +52,7 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
 class Backwards:
     """Four workers, of whom the last one to begin is the first one to finish."""
 
-    size = 4
+    size, spare = 4, 1
 
     def __init__(self, job: Callable[[], Callable[[conduct.Run], RunResult]]) -> None:
         self._do, self._units = job(), list[conduct.Run]()

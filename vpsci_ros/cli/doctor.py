@@ -21,6 +21,7 @@ BRINGS = {
     "geo": "recordings in longitude and latitude",
     "carla": "episodes in a CARLA server",
     "drive": "`drive`, and a running graph in Foxglove",
+    "cluster": "`--cluster`: work on several machines",
     "planner": "examples/motion_planner.py",
     "sumo": "examples/sumo_crossing.py",
     "highway": "examples/highway_crossing.py",
