@@ -53,6 +53,36 @@ def test_the_paired_interval_is_that_of_agresti_and_min():
     assert (found.low, found.high) == (pytest.approx(8 / 52 - half, abs=1e-6), pytest.approx(8 / 52 + half, abs=1e-6))
 
 
+def test_the_units_that_a_difference_needs_are_connors() -> None:
+    # d = 0.05, psi = 0.2 by hand: (1.959964 * 0.447214 + 0.841621 * sqrt(0.2 - 0.0025))^2 / 0.0025 = 625.55
+    assert statistics.units_for_difference(0.05, 0.2) == 626
+    # psi = d = 0.05: (1.959964 * 0.223607 + 0.841621 * sqrt(0.0475))^2 / 0.0025 = 154.7, also for a smaller psi
+    assert statistics.units_for_difference(0.05, 0.05) == statistics.units_for_difference(0.05, 0.0) == 155
+    for n in (5, 52, 104, 1000):
+        for discordant in (0.0, 0.05, 0.2, 0.5):
+            least = statistics.detectable_difference(n, discordant)
+            assert statistics.units_for_difference(least * (1.0 + 1e-9), discordant) == n, "the inverse"
+    assert math.isnan(statistics.detectable_difference(3, 0.2))
+
+
+@pytest.mark.parametrize(("n", "discordant"), [(52, 0.2), (104, 0.1), (104, 0.3), (400, 0.05), (1000, 0.2)])
+def test_a_detectable_difference_leaves_0_out_of_the_interval_in_four_of_five_samples(
+    n: int, discordant: float
+) -> None:
+    least = statistics.detectable_difference(n, discordant)
+    wide = max(discordant, least)
+    cells = np.array([wide + least, wide - least, 2.0 - 2.0 * wide]) / 2.0
+    samples = np.random.default_rng(1).multinomial(n, cells, 2000)
+    shown = np.mean([statistics.share_difference(int(b), int(c), n).low > 0.0 for b, c, _ in samples])
+    assert 0.78 < shown < 0.88, "standard error 0.009; the formula is cautious where few units differ"
+
+
+def test_a_difference_that_a_mean_shows_is_that_of_its_interval() -> None:
+    # half an interval is 1.959964 standard errors, and 1.959964 + 0.841621 of them show in 80%
+    found = statistics.Estimate(0.1, 0.1 - 1.959964, 0.1 + 1.959964, 50)
+    assert statistics.detectable_by_interval(found) == pytest.approx(1.959964 + 0.841621, abs=1e-5)
+
+
 def test_the_bootstrap_of_a_mean_agrees_with_the_normal_interval():
     values = np.random.default_rng(3).normal(5.0, 2.0, 400)
     found = resampled(values, mean)

@@ -147,6 +147,9 @@ def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_wh
     assert counts == [("3", "1", "0"), ("6", "2", "1")]
     assert "| walker, does not react | 10 | 10 | 2 | 2 | 1 |" in (tmp_path / "summary.md").read_text()
     assert "Newly broken: walker 1:4, walker 1:9\n" in (tmp_path / "summary.md").read_text()
+    # 10 d = (1.959964 + 0.841621 sqrt(1 - d))^2 for d = 0.616, more than the share of 5 / 12 that differs
+    seen = "with 10 episodes a change of 62 points or more would show in collisions, vehicle moving"
+    assert seen in (tmp_path / "summary.md").read_text()
 
 
 def write_verdict(folder: Path, report: dict[str, Any], table: pl.DataFrame, view: str) -> None:
@@ -169,6 +172,21 @@ def properties(junit: Path) -> dict[str | None, dict[str | None, str | None]]:
     """Return name of each case -> name and value of each of its properties."""
     tests = ET.parse(junit).getroot().iter("testcase")
     return {test.get("name"): {each.get("name"): each.get("value") for each in test.iter("property")} for test in tests}
+
+
+def test_how_many_episodes_a_change_needs_is_said_before_anything_is_driven(home: Path, tmp_path: Path) -> None:
+    few = [word for name, value in EXAM.items() for word in ("--set", f"ads_test.{name}={value}")]
+    few += [word for name, value in SHORT.items() for word in ("--set", f"world_simulator.{name}={value}")]
+    words = ["ads-test", "-o", str(tmp_path / "new"), "--ads-class", "my_driver:MyDriver", "--detect", "5", *few]
+    with class_in_process():
+        done = CliRunner().invoke(app, [*words, "--baseline", str(home / "yesterday")])
+    assert done.exit_code == 0, done.output
+    assert not list((tmp_path / "new").glob("*.json"))
+    said = [" ".join(line.split()) for line in done.output.splitlines()]
+    assert said[0].startswith("A change of 5 points or more in collisions, vehicle moving shows")
+    assert [line.split()[0] for line in said[1:5]] == ["155", "626", "1,568", "155"], "nothing failed yesterday"
+    assert said[5].startswith("This exam has 4, which show a change of 100 points")
+    assert said[5].endswith("5 points: --episodes 626 in each of 1 scenarios.")
 
 
 def test_an_exam_without_an_earlier_one_leaves_its_verdict_for_ci_too(home: Path, tmp_path: Path) -> None:

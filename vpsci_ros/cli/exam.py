@@ -72,6 +72,15 @@ def ads_test(
             help="Folder of an earlier exam: say which of its episodes are fixed, newly broken, unchanged.",
         ),
     ] = None,
+    detect: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            max=100.0,
+            metavar="POINTS",
+            help="Only say how many episodes show a change of failures by so many percentage points; drive nothing.",
+        ),
+    ] = None,
     fail_if: FailIf = None,
     allow_standing: AllowStanding = False,
     workers: Workers = 1,
@@ -84,7 +93,9 @@ def ads_test(
     Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes, or does not arrive on
     the empty road; 2 bad input.
     """
-    from vpsci_ros.exam.exam import prepare
+    from vpsci_ros.exam.comparison import compared_with
+    from vpsci_ros.exam.exam import identity_of, prepare
+    from vpsci_ros.exam.power import needed
     from vpsci_ros.exam.run import REPORT, run_exam
 
     chosen = [*(settings or []), *of_people(people)[-1:]]  # the pedestrian's: the ADS drives
@@ -92,6 +103,10 @@ def ads_test(
     if allow_standing:
         sections = sections.changed("ads_test", {"allow_standing": True})
     exam = prepare(sections, ads, ads_class, workers)
+    if detect is not None:
+        earlier = compared_with(exam, identity_of(exam), baseline).rows if baseline else None
+        typer.echo("\n".join(needed(exam, detect, earlier)))
+        return
     with stoppable(output), _demanded(output / REPORT):
         failures = run_exam(exam, output, fail_if or [], workers=workers, against=baseline, quiet=quiet)
     if failures:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 LEVEL = 0.95
+POWER = 0.8  # probability with which a change that is as large as stated shows
 RESAMPLES = 2000
 LEAST_CLIPS = 4  # of three, a resample is one clip alone in 1 of 27 draws, which is an end of a 95% interval
 Floats = NDArray[np.float64]
@@ -113,6 +114,51 @@ def mcnemar(only_first: int, only_second: int) -> float:
 
     n = only_first + only_second
     return float(binomtest(only_first, n).pvalue) if n else 1.0
+
+
+def units_for_difference(difference: float, discordant: float, level: float = LEVEL, power: float = POWER) -> int:
+    """Return the number of units for which a difference of two shares of them shows with this power.
+
+    With the discordant share psi of the n units, McNemar's statistic (b - c) / n has the variance psi / n without a
+    difference and (psi - d^2) / n with a difference d. It exceeds its limit with the wanted power from
+    n d^2 = (z_level sqrt(psi) + z_power sqrt(psi - d^2))^2 on. See Connor, "Sample size for testing differences in
+    proportions for the paired-sample design" (Biometrics 43, 1987).
+
+    :param difference: d, above 0, at most 1.
+    :param discordant: psi, the share of units with one of the two events only; at least d, which it is raised to.
+    """
+    z, z_power = _quantiles(level, power)
+    discordant = max(discordant, difference)
+    root = z * math.sqrt(discordant) + z_power * math.sqrt(discordant - difference**2)
+    return math.ceil((root / difference) ** 2)
+
+
+def detectable_difference(n: int, discordant: float, level: float = LEVEL, power: float = POWER) -> float:
+    """Return the least difference of two shares of n units that shows with this power; NaN where none does.
+
+    The inverse of `units_for_difference`, whose parameters it has.
+    """
+    z, z_power = _quantiles(level, power)
+    if n <= z**2:
+        return math.nan
+    # all discordant units in one direction, psi = d: n d^2 = d (z + z_power sqrt(1 - d))^2, quadratic in sqrt(1 - d)
+    same = (math.sqrt((z * z_power) ** 2 + (n + z_power**2) * (n - z**2)) - z * z_power) / (n + z_power**2)
+    least = 1.0 - same**2
+    if least >= discordant:
+        return least
+    wide = z * math.sqrt(n) + z_power * math.sqrt(n + z_power**2 - z**2)  # the larger root of the same equation
+    return math.sqrt(discordant) * wide / (n + z_power**2)
+
+
+def detectable_by_interval(found: Estimate, level: float = LEVEL, power: float = POWER) -> float:
+    """Return the least difference that shows with this power, for an estimate whose interval is about normal."""
+    z, z_power = _quantiles(level, power)
+    return 0.5 * (found.high - found.low) * (z + z_power) / z
+
+
+def _quantiles(level: float, power: float) -> tuple[float, float]:
+    normal = NormalDist()
+    return normal.inv_cdf(0.5 * (1.0 + level)), normal.inv_cdf(power)
 
 
 def resampled(values: Floats, statistic: Statistic, seed: int = 0, level: float = LEVEL) -> Estimate:

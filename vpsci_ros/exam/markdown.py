@@ -6,6 +6,7 @@ from typing import Any
 
 from vpsci_ros.exam.comparison import Failing
 from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.runs.files import write_text
@@ -50,6 +51,10 @@ def _changes(found: Mapping[str, Any]) -> Iterator[str]:
         counts = [len(row[kind]) for kind in ("fixed", "newly_failed", "still_failing")]
         cells = [title_of(name), row["episodes"], row["same"], *counts]
         yield _row([*cells, *(_change(row["differences"][measure], measure) for measure in _SHOWN)])
+    yield "\nWhat these episodes can see (in 4 of 5 exams):\n"
+    for name, row in found["pedestrians"].items():
+        seen = {MEASURES[measure].title: can_see(row["differences"][measure], measure) for measure in _SHOWN}
+        yield f"- {title_of(name)}: {'; '.join(f'{text} in {title}' for title, text in seen.items() if text)}"
     if names := found["not_compared"]:
         yield f"\nNot compared, for want of an episode in common: {', '.join(map(title_of, names))}"
 

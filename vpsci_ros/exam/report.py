@@ -1,7 +1,7 @@
 """An exam's scores as one dictionary, which report.json stores and the report page shows."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,7 +11,7 @@ from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import Estimate
 from vpsci_ros.exam.config import ALONE, HARD_BRAKING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.result import Conduct
-from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
+from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, detectable, difference, estimate
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.safety import CONFLICT_TTC
 from vpsci_ros.world.perception import PerceptionConfig
@@ -73,7 +73,7 @@ def _alone(table: pl.DataFrame) -> dict[str, int] | None:
     return {"arrived": int(rows["arrived"].sum()), "of": rows.height} if rows.height else None
 
 
-def standing(report: dict[str, Any]) -> str:
+def standing(report: Mapping[str, Any]) -> str:
     """Return, in words, that the ADS does not arrive on the empty road; "" where it does or was not to drive there."""
     found = report["alone"]
     if found is None or found["arrived"] == found["of"]:
@@ -129,11 +129,15 @@ def _scores(rows: pl.DataFrame) -> dict[str, Any]:
 
 
 def differences(rows: pl.DataFrame, others: pl.DataFrame) -> dict[str, Any]:
-    """Return, by measure, the value of `rows` minus the value of `others` on common episodes, and its p-value."""
+    """Return, by measure, the value of `rows` minus the value of `others` on common episodes.
+
+    With its p-value as `p`, and as `detectable` the least difference that would show, see `scores.detectable`.
+    """
     out = {}
     for name in DIFFERENCES:
         found, p = difference(rows, others, MEASURES[name])
-        out[name] = as_dict(found) | {"p": _number(p)}
+        least = detectable(rows, others, MEASURES[name], found)
+        out[name] = as_dict(found) | {"p": _number(p), "detectable": _number(least)}
     return out
 
 

@@ -15,6 +15,7 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import verdict_value
 from vpsci_ros.exam.measures import worst_first
+from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES
 from vpsci_ros.exam.view import MARKS
@@ -261,7 +262,9 @@ def print_report(report: Mapping[str, Any], page: Path) -> None:
     console.print(view)
     for name, row in report.get("against", {}).get("pedestrians", {}).items():
         counts = ", ".join(f"{len(row[kind])} {kind.replace('_', ' ')}" for kind in FAILED_BEFORE)
-        console.print(f"against {report['against']['folder']}, {title_of(name)}: {counts}", markup=False)
+        seen = can_see(row["differences"][measure := f"{report['failure']}_rate"], measure)
+        text = f"against {report['against']['folder']}, {title_of(name)}: {counts}{'; ' if seen else ''}{seen}"
+        console.print(text, markup=False, highlight=False)
     for name in report.get("against", {}).get("not_compared", []):
         text = f"against {report['against']['folder']}, {title_of(name)}: no episode in common, nothing is compared"
         console.print(text, markup=False)
