@@ -12,6 +12,8 @@ from vpsci_msgs.msg import AgentAction
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.topics import LOCK_STEP
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.layout import safety_state
 from vpsci_ros.world import EPISODE, RUNNING
 
 
@@ -56,6 +58,23 @@ def test_topics_that_overtake_each_other_are_answered_once_and_no_tick_is_missed
         send[topic](int(tick))
     session.spin_until(lambda: session.answered == [0, 2])
     assert session.missed() == 0
+
+
+def test_a_safety_state_is_checked_once_and_only_where_the_policy_acts_by_it(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[int] = []
+
+    def check(safety: Any, batch: int) -> Any:
+        checked.append(safety.tick)
+        return safety_state(safety, batch)
+
+    monkeypatch.setattr(layout, "safety_state", check)
+    for tick in (1, 2, 3):
+        session.state(tick)
+        session.safety(tick)
+    session.spin_until(lambda: session.answered == [0, 2])
+    assert checked == [2]
 
 
 def test_states_that_never_came_are_counted(session: Session) -> None:

@@ -86,9 +86,9 @@ def test_a_policy_refuses_bad_messages_and_answers_the_next_one(
     here.spin_until(lambda: answered == [0])
     for bad in BAD_STATES:
         policy.intake.receive("/world/state", bad)
+    policy.intake.receive("/world/state", state(2))
     for bad in (safety(2)[:-8], safety(2, curvttc=[np.nan]), NO_DISTANCE):
         policy.intake.receive("/safety/state", bad)
-    policy.intake.receive("/world/state", state(2))
     policy.intake.receive("/safety/state", safety(2))
     here.spin_until(lambda: answered == [0, 2])
     assert refused(policy) == {"/world/state": 3, "/safety/state": 3}

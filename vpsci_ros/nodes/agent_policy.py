@@ -53,7 +53,7 @@ class AgentPolicy(GraphNode):
                 self.input("/policy/weights", self._weights, partial(self._on_weights, self._agent), LATCHED)
                 self.get_logger().info(f"waiting for weights on {self.full_name('/policy/weights')}")
         self.input("/world/state", read_world_state, self._on_state, raw=True)
-        self._monitored = self.input("/safety/state", _safety_state, self._on_safety, raw=True)
+        self._monitored = self.input("/safety/state", read_safety_state, self._on_safety, raw=True)
         self._monitor_found = False
         if self._can_act:
             by = f"weights {config.weights}" if config.weights else f"agent {config.agent}"
@@ -147,16 +147,6 @@ class AgentPolicy(GraphNode):
 
 VehiclePolicy = partial(AgentPolicy, "vehicle")
 PedestrianPolicy = partial(AgentPolicy, "pedestrian")
-
-
-def _safety_state(data: bytes) -> SafetyContent:
-    """Return the content of a serialized SafetyState, with as many distances and flags as CurvTTCs.
-
-    :raises InvalidInput: it is no SafetyState; see `layout.safety_state`.
-    """
-    safety = read_safety_state(data)
-    layout.safety_state(safety, len(safety.curvttc))
-    return safety
 
 
 def _require_no_hand_over(tick: Tick) -> None:
