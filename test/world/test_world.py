@@ -9,6 +9,7 @@ import pytest
 from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, frames, nothing, run
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import build
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, contact_step
 from vpsci_ros.world import COLLISION, ENDED, GOAL, RUNNING, TIMEOUT, World, WorldConfig
 from vpsci_ros.world.state import FINISHED, PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
@@ -147,13 +148,25 @@ def test_an_environment_can_place_episodes_itself_and_others_do_not_notice():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"policy_period": 0.12}, "policy_period = 0.12 s must be a whole multiple of tick = 0.05 s"),
+        ({"tick": 0.03}, "a policy's step = 0.1 s must be a whole multiple of tick = 0.03 s, got 3.33333 ticks"),
         ({"episode_time": 0.33}, "episode_time = 0.33 s must be a whole multiple"),
     ],
 )
 def test_periods_that_do_not_fit_together_are_refused(values, message):
     with pytest.raises(InvalidInput, match=message):
         WorldConfig(**values)
+
+
+@pytest.mark.parametrize("tick", [0.02, 0.05, 0.1])
+def test_policies_act_every_tenth_of_a_second_at_any_tick_and_no_parameter_says_otherwise(tick):
+    world, acted = World(WorldConfig(tick=tick), SCENARIOS, [(3, 0)], 1, 1), []
+    while len(acted) < 4:
+        if world.now.policy_frame[0]:
+            acted.append(world.now.number * tick)
+        world.advance(calm(world), nothing(world))
+    assert np.diff(acted) == pytest.approx([0.1] * 3)
+    with pytest.raises(InvalidInput, match="unknown parameter 'policy_period'"):
+        build(WorldConfig, {"policy_period": 0.2}, "params/x.yaml")
 
 
 def test_bad_answers_are_refused_and_name_the_slot():

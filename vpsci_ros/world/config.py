@@ -6,6 +6,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.crowd import MOST, CrowdConfig
 from vpsci_ros.world.kinds import KindMixture
+from vpsci_ros.world.observation import STEP
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
 SPAWNS = ("right_turns", "human", "paper", "mixed")
@@ -16,13 +17,12 @@ PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_vel
 class WorldConfig:
     """The configuration of `vpsci_ros.world.World`; some defaults differ from section 3.2 of the paper.
 
-    :raises InvalidInput: a period that is no multiple of `tick`, more `crowd.sizes` than `pedestrians`, or several
-        pedestrians with the driver replay.
+    :raises InvalidInput: a `tick` of which 0.1 s or `episode_time` is no multiple, more `crowd.sizes` than
+        `pedestrians`, or several pedestrians with the driver replay.
     """
 
-    tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
-    policy_period: float = parameter(
-        0.1, "time from one action of a policy to the next; the action holds in between", unit="s", low=0.005, high=2.0
+    tick: float = parameter(
+        0.05, "simulated time from one tick to the next; policies act every 0.1 s", unit="s", low=0.005, high=STEP
     )
     episode_time: float = parameter(
         30.0,
@@ -76,12 +76,11 @@ class WorldConfig:
     kinds: KindMixture = field(default_factory=KindMixture)
 
     def __post_init__(self) -> None:
-        for name in ("policy_period", "episode_time"):
-            ratio = getattr(self, name) / self.tick
+        for what, time in (("a policy's step", STEP), ("episode_time", self.episode_time)):
+            ratio = time / self.tick
             if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
                 raise InvalidInput(
-                    f"{name} = {getattr(self, name)} s must be a whole multiple of tick = {self.tick} s, "
-                    f"got {ratio:g} ticks"
+                    f"{what} = {time} s must be a whole multiple of tick = {self.tick} s, got {ratio:g} ticks"
                 )
         if len(self.crowd.sizes) > self.pedestrians:
             raise InvalidInput(
@@ -96,8 +95,8 @@ class WorldConfig:
 
     @property
     def policy_ticks(self) -> int:
-        """Ticks from one policy frame to the next."""
-        return round(self.policy_period / self.tick)
+        """Ticks from one policy frame to the next, which is 0.1 s later, as in recordings."""
+        return round(STEP / self.tick)
 
     @property
     def episode_ticks(self) -> int:

@@ -1,6 +1,6 @@
 """Hand-over and hand-back: the rule-based pair acts until CurvTTC is critical, then the policies.
 
-The policies act at policy frames only, every `policy_period` since the spawn, and their actions stay in force in
+The policies act at policy frames only, every 0.1 s since the spawn, and their actions stay in force in
 between. They take both agents at the first policy frame that is critical. Each critical tick sets `hold` to
 `release_time`, each other tick counts it down, and control is given back at the first policy frame that is not
 critical and has no hold left. So short changes of CurvTTC do not switch control repeatedly.
