@@ -115,7 +115,7 @@ def recorded(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def rows_of(table: pl.DataFrame) -> Floats:
-    """Return `people.RIGHT_TURNS` of a near-miss table: clean onsets with half a second before and 3 s after them."""
+    """Return `people.right_turns` of a near-miss table: clean onsets with half a second before and 3 s after them."""
     onsets = find_onsets(with_onset(table), history=LEAST)
     out = np.zeros((len(onsets), people.TRACK + people.COLUMNS * (SECOND + 1)))
     for row, motion, first, ttc in zip(
@@ -289,7 +289,7 @@ def main() -> None:
     parser.add_argument("--weights", default="people", help="file or shipped name: who acts from the onset on")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--picture", type=Path)
-    parser.add_argument("--rows", type=Path, help="write the recorded onsets, the rows of people.RIGHT_TURNS, as CSV")
+    parser.add_argument("--rows", type=Path, help="write the recorded onsets, the rows of people.right_turns, as CSV")
     arguments = parser.parse_args()
     table = read_near_misses(arguments.near_misses)
     real = recorded(table)
@@ -300,7 +300,7 @@ def main() -> None:
         header = (
             "Onsets of recorded right turns: the training part of right_turns.parquet (CQUT-PVI, MIT licence), by\n"
         )
-        header += "python benchmarks/onsets.py right_turns/train --rows; columns of people.RIGHT_TURNS"
+        header += "python benchmarks/onsets.py right_turns/train --rows; columns of people.right_turns"
         np.savetxt(arguments.rows, rows_of(table), "%.4g", ",", header=header)
     sides = {"recorded": real}
     for spawn in arguments.spawn:

@@ -15,6 +15,7 @@ ROOMS = (
     "report", "wire", "bags", "generate", "view", "envs", "nodes", "exam", "cli", "extras",
 )  # fmt: skip
 """From the ground up, as `vpsci_ros/` lies in DESIGN."""
+COMPILED_ROOMS = ("safety", "world", "data", "cosim", "envs")
 OF_ROS = {"rclpy", "vpsci_msgs", "rcl_interfaces", "builtin_interfaces", "launch", "launch_ros", "std_srvs"}
 
 
@@ -66,6 +67,37 @@ def test_the_package_imports_none_of_its_rooms_and_touches_no_file(tmp_path: Pat
     environment |= {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     loaded = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert loaded.stdout.split() == ["vpsci_ros"]
+    assert list(tmp_path.iterdir()) == []
+
+
+WATCH = """
+import os, sys
+ROOT, done = sys.argv[1], []
+def watch(event, args):
+    if event == "open":
+        path, mode, flags = (*args, None)[:3]
+        written = flags and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+        data = str(path).startswith(ROOT) and not str(path).endswith((".py", ".pyc"))
+        if written or data:
+            done.append(f"{event} {path}")
+    elif event in ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "os.link", "os.symlink"):
+        done.append(f"{event} {args[0]}")
+sys.addaudithook(watch)
+for module in sys.argv[2:]:
+    __import__(module)
+print(*done, sep="\\n")
+"""
+
+
+def test_importing_the_compiled_rooms_reads_no_data_and_writes_nothing(tmp_path: Path) -> None:
+    """Their kernels have a cache on disk, and scenes are drawn from recorded onsets; both wait for their first use."""
+    files = sorted(path for name in COMPILED_ROOMS for path in (ROOT / name).rglob("*.py"))
+    modules = [".".join(("vpsci_ros", *path.relative_to(ROOT).with_suffix("").parts)) for path in files]
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", WATCH, str(ROOT), *modules]
+    seen = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert seen.stdout.split() == []
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""Scenes that begin as recorded right turns do; the numbers are of `people.RIGHT_TURNS`, 215 onsets."""
+"""Scenes that begin as recorded right turns do; the numbers are of `people.right_turns`, 215 onsets."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def approaches():
 def recorded_of(rows):
     """The recorded onset that an episode was drawn from."""
     number = int(rows["driver_onset"][0]) - 1
-    return people.RIGHT_TURNS[number]
+    return people.right_turns()[number]
 
 
 def test_nearly_all_become_critical_when_the_recorded_ones_did(approaches):

@@ -19,9 +19,8 @@ from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_r
 from vpsci_ros.safety.inputs import as_floats
 from vpsci_ros.safety.line_of_sight import BOX, as_boxes
 from vpsci_ros.world import Scenario, WorldConfig
-from vpsci_ros.world.kinematics import curvature_of, drive, steer_to
+from vpsci_ros.world.kinematics import SHARPEST_TURN, drive, steer_to
 
-SHARPEST = curvature_of(1.0)  # [1/m]
 LONGEST_PERIOD = 2.0  # [s]
 LEAST_PERIOD = 1e-3  # [s]
 GREATEST = 2e7  # [m, m/s, ...] of any number: no place on earth has greater metric coordinates
@@ -159,7 +158,7 @@ class Tracks:
         if last is not None and since > 0.0:
             turned = math.remainder(now.heading - last.heading, 2.0 * math.pi)
             pace = 0.5 * (now.speed + last.speed)
-            curvature = float(np.clip(curvature_from_yaw_rate(turned / since, pace), -SHARPEST, SHARPEST))
+            curvature = float(np.clip(curvature_from_yaw_rate(turned / since, pace), -SHARPEST_TURN, SHARPEST_TURN))
             acceleration = (now.speed - last.speed) / since
         return now._replace(
             curvature=curvature if now.curvature is None else now.curvature,

@@ -5,7 +5,6 @@ velocities before and after. Then the vehicle's heading turns with its velocity,
 Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and the vehicle does not roll backwards.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.safety import curvttc
-from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
+from vpsci_ros.world.kinematics import SHARPEST_TURN
 from vpsci_ros.world.observation import STEP
 
-SHARPEST_TURN = math.tan(MAX_STEERING_ANGLE) / WHEELBASE  # [1/m]
 _TO_THE_RIGHT = torch.tensor([1.0, -1.0])  # of a vector whose components are exchanged: it is turned by 90 degrees
 _STANDING = 1e-3  # [m/s] below this the heading does not turn
 

@@ -17,7 +17,7 @@ from vpsci_ros.evaluation.predictors import (
     sources_for,
 )
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories, known_actions
-from vpsci_ros.evaluation.scene import SHARPEST_TURN, scene_at
+from vpsci_ros.evaluation.scene import scene_at
 from vpsci_ros.policy.bank import SLOWEST, Bank, describe, situations_of
 from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
@@ -25,7 +25,7 @@ from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.drivers.social_force import social_force
-from vpsci_ros.world.kinematics import MAX_DECELERATION
+from vpsci_ros.world.kinematics import MAX_DECELERATION, SHARPEST_TURN
 from vpsci_ros.world.observation import STEP, arrays_to_heading_frame, observe_arrays
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses, split_by_name, table_hash
@@ -33,6 +32,7 @@ from vpsci_ros.policy.bank import (
 )
 from vpsci_ros.policy.onset_range import onsets_of, range_of
 from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.world.observation import STEP, arrays_to_heading_frame, observe_arrays
 
 EVERY = 10  # steps from one situation of a track to the next, 1 s
@@ -235,7 +235,7 @@ def _fit(length: int) -> tuple[Floats, Floats]:
     return solved[1:], np.einsum("ti,ij->tj", way, solved)
 
 
-@njit(cache=True)
+@kernel
 def _solve(matrix, right):  # type: ignore[no-untyped-def]
     """Return X of matrix X = right for a positive definite matrix, by Cholesky's decomposition."""
     n = len(matrix)

@@ -1,6 +1,6 @@
 """The cache of compiled kernels: one folder for each state of the sources.
 
-The module that compiles kernels chooses it (`safety.compiled`).
+The module that compiles kernels chooses it at the first compilation (`safety.compiled`).
 
 Numba keeps compiled code on disk and looks only at the file in which a function stands, so it would go on using a
 kernel after an edit to a function that the kernel calls from another file. Here every state of the sources has its

@@ -1,11 +1,13 @@
 """Compilation of functions with numba, and the division of a large batch between threads.
 
-Compiled code is cached on disk, divides as IEEE says and never reorders arithmetic (no fastmath).
+Compiled code is cached on disk, divides as IEEE says and never reorders arithmetic (no fastmath). A module with such
+functions touches no file as it is imported: the cache is looked up at the first call of each function.
 """
 
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from typing import Any, TypeVar
 
 from numba import njit
@@ -14,18 +16,38 @@ from numba.core.caching import FunctionCache
 from vpsci_ros.runs.kernel_cache import choose_cache_folder
 
 T = TypeVar("T")
-choose_cache_folder()  # before numba decorates the first function
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of compiled code on disk; where a file cannot be loaded, the function is compiled again."""
+class _Cache:
+    """Numba's cache of compiled code on disk; where a file cannot be loaded, the function is compiled again.
+
+    It has the methods that numba's dispatcher calls.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    @cached_property
+    def _on_disk(self) -> FunctionCache:
+        choose_cache_folder()
+        return FunctionCache(self._function)
+
+    @property
+    def cache_path(self) -> str:
+        return str(self._on_disk.cache_path)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            return self._on_disk.load_overload(sig, target_context)
         except Exception:  # noqa: BLE001  # pickle and LLVM raise errors of any kind for a damaged file
             self.flush()
             return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._on_disk.save_overload(sig, data)
+
+    def flush(self) -> None:
+        self._on_disk.flush()
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -57,7 +57,7 @@ def walker_speed(episode, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def onset_time(onset):  # type: ignore[no-untyped-def]
-    """Return the time after the spawn [s] at which a row of `people.RIGHT_TURNS` becomes critical."""
+    """Return the time after the spawn [s] at which a row of `people.right_turns` becomes critical."""
     return STEP * onset[BEFORE]
 
 

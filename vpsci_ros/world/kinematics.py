@@ -14,6 +14,7 @@ WHEELBASE = 2.875  # [m] L of (18), as are the limits below
 MAX_ACCELERATION = 9.25  # [m/s2]
 MAX_DECELERATION = 8.88  # [m/s2]
 MAX_STEERING_ANGLE = 0.52  # [rad] of the front wheels
+SHARPEST_TURN = math.tan(MAX_STEERING_ANGLE) / WHEELBASE  # [1/m]
 EPSILON = 1e-6  # [m2/s2] epsilon of (18)
 
 

@@ -6,13 +6,14 @@ The onset is the first step of 0.1 s with CurvTTC below 5 s. There are two calib
 VCI-CITR (Yang et al., IV 2019, arXiv 1902.00487) whose car moves and which do not begin critical. They are inverted at
 a uniform number, so that a draw has the recorded distribution without a formula for it.
 
-`spawn: right_turns`: `RIGHT_TURNS`, the joint states of near misses of the training part of CQUT-PVI (Zhang et al.,
+`spawn: right_turns`: `right_turns()`, the joint states of near misses of the training part of CQUT-PVI (Zhang et al.,
 T-ITS 2024, doi 10.1109/TITS.2024.3398648) up to their onset, drawn one at a time, for they depend on each other.
 
 `python benchmarks/onsets.py` fits both again and compares; docs/world.md has n, intervals and sources.
 """
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,7 @@ WALKING_ACCELERATION = np.array([-0.69, -0.44, -0.24, -0.09, -0.02, 0.05, 0.21, 
 OBLIQUE = np.radians([-30.0, -16.0, -12.0, -5.0, 2.0, 11.0, 27.0, 30.0, 30.0])
 BESIDE = np.array([0.0, 0.12, 0.20, 0.50, 0.82, 0.98, 1.10, 1.20, 1.40])  # their miss: 1, they graze
 
-# float64[N, 50], a recorded onset a row. First: steps recorded before it, 5 to 10; CurvTTC [s]; where the walker is,
-# ahead of the car's centre and to its left [m]; by how much the car turns to the left [rad] and how far it drives [m]
-# in the 3 s after. Then for each of `HISTORY` steps of 0.1 s before, and of the onset: the car's speed [m/s], its
-# curvature to the left [1/m], and the walker's velocity along the car's heading at the onset and to its left [m/s]
-RIGHT_TURNS = np.loadtxt(recorded_onsets_path(), delimiter=",")
+# the columns of `right_turns`
 BEFORE, TTC, AHEAD, LEFT, TURNS, WAY, TRACK = range(7)
 CAR, CURVATURE, WALK_ALONG, WALK_LEFT, COLUMNS = range(5)
 HISTORY = 10
@@ -57,8 +54,22 @@ WAITING = 0.06  # share of walkers who wait at the kerb and set off before it be
 JERK = 10.0  # [m/s3] with which an agent's acceleration can change
 
 
+@cache
+def right_turns() -> NDArray[np.float64]:
+    """Return the recorded onsets of right turns, float64[N, 50], one a row.
+
+    First: steps recorded before it, 5 to 10; CurvTTC [s]; where the walker is, ahead of the car's centre and to its
+    left [m]; by how much the car turns to the left [rad] and how far it drives [m] in the 3 s after. Then for each of
+    `HISTORY` steps of 0.1 s before, and of the onset: the car's speed [m/s], its curvature to the left [1/m], and the
+    walker's velocity along the car's heading at the onset and to its left [m/s].
+    """
+    onsets = np.loadtxt(recorded_onsets_path(), delimiter=",")
+    onsets.flags.writeable = False
+    return onsets
+
+
 def mirrored(onsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rows of `RIGHT_TURNS` seen in a mirror, as left turns."""
+    """Return rows of `right_turns` seen in a mirror, as left turns."""
     sign = np.ones(onsets.shape[1])
     sign[[LEFT, TURNS]] = -1.0
     sign[TRACK + CURVATURE :: COLUMNS] = sign[TRACK + WALK_LEFT :: COLUMNS] = -1.0

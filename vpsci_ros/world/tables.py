@@ -14,7 +14,7 @@ from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, SPAWNS, VEHICLE_DRIVERS, 
 from vpsci_ros.world.crowd import Crowd
 from vpsci_ros.world.lane_driving import comfortable_speeds
 from vpsci_ros.world.paths import Path
-from vpsci_ros.world.people import RIGHT_TURNS, TURNING_DECELERATION, mirrored
+from vpsci_ros.world.people import TURNING_DECELERATION, mirrored, right_turns
 from vpsci_ros.world.scenario import Scenario
 
 _QUANTITIES = (
@@ -51,7 +51,7 @@ class Tables(NamedTuple):
     lane_speed: NDArray[np.float64]  # [R, N] comfortable speeds along them [m/s]
     turning_speed: NDArray[np.float64]  # [R, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
     walk: NDArray[np.float64]  # [R, M, 2] walking routes [m]
-    onsets: NDArray[np.float64]  # [2 N, 50] `people.RIGHT_TURNS`, and the same mirrored
+    onsets: NDArray[np.float64]  # [2 N, 50] `people.right_turns`, and the same mirrored
     parked: NDArray[np.float64]  # [R, K, 5] parked vehicles, as `Scenario.parked`; padding far away
 
 
@@ -154,7 +154,7 @@ def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Ta
         lane_speed=_stacked([comfortable_speeds(lane) for lane in lanes]),
         turning_speed=_stacked([comfortable_speeds(lane, 1.0, TURNING_DECELERATION) for lane in lanes]),
         walk=_padded([*walks, *(replace(walk, points=walk.points[::-1]) for walk in walks)]),
-        onsets=np.concatenate([RIGHT_TURNS, mirrored(RIGHT_TURNS)]),
+        onsets=np.concatenate([right_turns(), mirrored(right_turns())]),
         parked=_parked(scenarios),
     )
 

@@ -1,6 +1,6 @@
 """The spawn `right_turns`: up to a second before a recorded onset, with the recorded motion until then.
 
-A row of `people.RIGHT_TURNS` is one recorded onset: where the walker is seen from the car, and how fast both were, how
+A row of `people.right_turns` is one recorded onset: where the walker is seen from the car, and how fast both were, how
 the car steered and which way the walker walked, at each step of the second before. The car is put into the lane where
 the walker then walks along the scenario's crossing and where the lane turns as the recorded car turned afterwards.
 Onsets that fit the scenario badly are drawn seldom. Until the onset, both move as recorded (`approach`).
