@@ -4,6 +4,7 @@ Of YAML the part is read that ROS 2 reads of its parameter files: no aliases (a 
 billions of values), no tags but the plain ones, no key twice (PyYAML keeps the last one without a word).
 """
 
+import codecs
 import json
 import re
 import reprlib
@@ -24,6 +25,17 @@ _ANY = "*"
 DEEPEST = 50  # levels of a YAML document
 LONGEST = 2**26  # [bytes] of a text that is read as a whole
 LONGEST_YAML = 2**22  # [bytes] of a YAML file, which takes two seconds a megabyte
+_FOREIGN = {
+    b"version https://git-lfs": "a Git LFS pointer, not the file itself: run `git lfs pull` where it was cloned",
+    b"\x1f\x8b": "compressed by gzip: unpack it first",
+    b"PK\x03\x04": "a ZIP archive or a spreadsheet: unpack it, or save the sheet as CSV",
+    b"PAR1": "a Parquet file: end its name with .parquet",
+    b"SQLite format 3\0": "an SQLite database: `ros2 bag convert` or its own program writes another format",
+    b"<": "XML or HTML: export its tracks as CSV",
+    b"{": "JSON: export its rows as CSV",
+    b"[": "JSON: export its rows as CSV",
+}
+"""How files of other kinds begin -> what each is, and what to do."""
 _REPR = reprlib.Repr()
 _REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _REPR.maxlong = 3, 6, 6, 120, 120, 60
 
@@ -40,6 +52,11 @@ def listed(names: Iterable[object], most: int = 8) -> str:
     """Return names for an error message: at most `most`, and the total number if there are more; "none" for none."""
     texts = [str(name) for name in names]
     return ", ".join(texts[:most] + [f"... {len(texts)} in all"] * (len(texts) > most)) or "none"
+
+
+def counted(count: int, one: str, many: str = "") -> str:
+    """Return a number with its noun: "1 near miss", "2 near misses"; `many` is by default `one` with an s."""
+    return f"{count:,} {one if count == 1 else many or one + 's'}"
 
 
 def given_names(text: str, where: str) -> list[str]:
@@ -162,6 +179,26 @@ def require_regular(path: str | Path, most: int = 2**40) -> None:
         raise InvalidInput(f"{path}: expected a file, found a pipe, a device or a socket; copy its content to a file")
     if status.st_size > most:
         raise InvalidInput(f"{path}: {status.st_size / 1e6:,.0f} MB; expected {most / 1e6:,.0f} MB at most")
+
+
+def foreign(data: bytes) -> str:
+    """Return what a file is and what to do, if its first bytes are those of another kind of file; "" otherwise."""
+    begin = data[:256].removeprefix(codecs.BOM_UTF8).lstrip()
+    return next((what for mark, what in _FOREIGN.items() if begin.startswith(mark)), "")
+
+
+def refuse_pointer(path: str | Path) -> None:
+    """Refuse a file that holds a Git LFS pointer.
+
+    :raises InvalidInput: says what to run.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            what = foreign(file.read(64))
+    except OSError:
+        return
+    if "LFS" in what:
+        raise InvalidInput(f"{path}: {what}")
 
 
 def printable(text: str) -> str:

@@ -4,6 +4,7 @@ Every message says what was expected, what came, where, and what to do.
 """
 
 import errno
+import importlib.metadata
 import importlib.util
 import os
 import re
@@ -76,8 +77,16 @@ def not_installed(module: str) -> str:
     """Return a line about how to install a missing module; "" for modules of no extra of this package."""
     if module == "vpsci_msgs":
         return "vpsci_msgs, this package's ROS 2 messages, is not built: docs/install.md says how"
-    extra = "ros,messages" if module == "rclpy" or module.endswith("_msgs") else _EXTRAS.get(module)
-    return f"{module} is not installed: pip install 'vpsci_ros[{extra}]'" if extra else ""
+    if module == "rclpy" or module.endswith("_msgs"):
+        return f"{module} is not installed: ROS 2 is missing, docs/install.md says how"
+    extra = _EXTRAS.get(module)
+    return f"{module} is not installed: pip install {packages_of(extra)}" if extra else ""
+
+
+def packages_of(extra: str) -> str:
+    """Return the packages that an extra of this package brings, quoted for a shell: "'pyproj<4,>=3.6'"."""
+    wanted = (line.partition(";") for line in importlib.metadata.requires("vpsci_ros") or [])
+    return " ".join(f"'{name.strip()}'" for name, _, marker in wanted if f'extra == "{extra}"' in marker)
 
 
 def in_words(error: BaseException) -> str:

@@ -97,11 +97,23 @@ def braking(rows: Rows) -> Rows:
     """Return the rows of a car that brakes by 6 m/s2 along x from 12 m/s."""
     t = np.minimum(0.2 * np.arange(len(rows)), 2.0)
     way, speed = 12.0 * t - 3.0 * t**2, 12.0 - 6.0 * t
-    return [[*row[:6], f"{way[k]:.3f}", "0", f"{speed[k]:.3f}", *row[9:]] for k, row in enumerate(rows)]
+    moved = [[*row[:6], f"{way[k]:.3f}", "0", f"{speed[k]:.3f}", *row[9:]] for k, row in enumerate(rows)]
+    return with_distances(moved)
 
 
 def standing(rows: Rows) -> Rows:
-    return [[*row[:6], "3.0", "7.0", "0.0", *row[9:]] for row in rows]
+    return with_distances([[*row[:6], "3.0", "7.0", "0.0", *row[9:]] for row in rows])
+
+
+def with_distances(rows: Rows) -> Rows:
+    apart = [np.hypot(float(row[1]) - float(row[6]), float(row[2]) - float(row[7])) for row in rows]
+    return [[*row[:11], f"{distance:.3f}", *row[12:]] for row, distance in zip(rows, apart, strict=True)]
+
+
+def test_distances_that_are_not_those_of_the_positions_are_refused(tmp_path: Path) -> None:
+    in_feet = [[*row[:11], f"{float(row[11]) / 0.3048:.3f}", *row[12:]] for row in event(1)]
+    with pytest.raises(InvalidInput, match=r"NCP2.txt: distances differ from those of the positions by .*they say"):
+        imported(tmp_path, in_feet)
 
 
 @pytest.mark.parametrize(

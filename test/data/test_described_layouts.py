@@ -1,5 +1,7 @@
 """What layout.yaml can describe: no header, boxes, lost rows, metres by file, both in one row, and a source's name."""
 
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 from polars.testing import assert_frame_equal
 
-from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, named
+from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, imported_clips, named
 from vpsci_ros.data.importers.described import LOST, described
+from vpsci_ros.data.importers.layout_file import KEYS
 from vpsci_ros.data.importers.pairs import near_misses_of
-from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
+from vpsci_ros.data.near_misses import check_near_misses, read_near_misses, write_near_misses
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
 
@@ -68,7 +71,7 @@ def test_columns_of_a_file_without_a_header_go_by_number(plain: pl.DataFrame, tm
     [
         ({"columns": PLAIN["columns"]}, "columns: without a header expected numbers of columns, 1 for the first, got"),
         ({"columns": "{frame: 0, id: 2, class: 3, x: 4, y: 5}"}, "expected numbers of columns, 1 for the first"),
-        ({"columns": "{frame: 1, id: 2, class: 3, x: 4, y: 9}"}, "9 is missing, the file has .*1, 2, 3, 4, 5"),
+        ({"columns": "{frame: 1, id: 2, class: 3, x: 4, y: 9}"}, "column 9 is missing; it has 1, 2, 3, 4, 5"),
         ({"header": "none"}, "header: expected true or false, got 'none'"),
     ],
 )
@@ -102,8 +105,12 @@ def test_of_boxes_the_centres_count(plain: pl.DataFrame, tmp_path: Path) -> None
     down = boxes.with_columns(-pl.col("y0", "y1"))
     table = imported(tmp_path / "down", down, columns=BOX, y_down="true").table.select(MEASURED)
     assert_frame_equal(table, plain, abs_tol=1e-9)
-    for columns in (BOX.replace(", y_max: y1", ""), BOX.replace("x_min: x0", "x: px, x_min: x0")):
-        with pytest.raises(InvalidInput, match=r"columns: expected id, x, y \(or x_min, y_min, x_max, y_max\)"):
+    for columns, said in (
+        (BOX.replace(", y_max: y1", ""), "columns: y_max missing; it has"),
+        (BOX.replace("x_min: x0", "x: px, x_min: x0"), "columns: expected either x and y or x_min"),
+        ("{id: who, frame: n, class: kind, x: px}", r"columns: y missing; it has id"),
+    ):
+        with pytest.raises(InvalidInput, match=said):
             imported(tmp_path / "half", boxes, columns=columns)
 
 
@@ -180,8 +187,8 @@ def test_a_row_may_hold_a_car_and_a_pedestrian(plain: pl.DataFrame, tmp_path: Pa
     [
         ({"pedestrian": None}, "vehicle: expected columns of a row that holds both .* and both keys"),
         ({"vehicles": "[car]"}, "vehicle: expected either it or class, vehicles and pedestrians"),
-        ({"vehicle": "{id: car, x: car_x}"}, r"columns: expected id, x, y \(or"),
-        ({"vehicle": "{id: car, x: car_x, y: nowhere}"}, "nowhere is missing, the file has"),
+        ({"vehicle": "{id: car, x: car_x}"}, "vehicle: y missing; it has frame, id, x"),
+        ({"vehicle": "{id: car, x: car_x, y: nowhere}"}, "column nowhere is missing; it has"),
     ],
 )
 def test_a_row_of_both_that_is_half_described_is_refused(layout: dict[str, str], said: str, tmp_path: Path) -> None:
@@ -235,3 +242,36 @@ def test_a_misspelt_class_is_refused_though_another_one_occurs(
 ) -> None:
     with pytest.raises(InvalidInput, match=said):
         imported(tmp_path, rows(), **layout)
+
+
+PAGE = Path(__file__).resolve().parents[2] / "docs/formats.md"
+
+
+@pytest.mark.parametrize(
+    ("source", "folder", "vehicles", "least"), [("hc", "hc", 40, 150), ("taf-bw", "taf_bw/recorded_trackfiles", 130, 5)]
+)
+def test_the_layouts_of_the_page_read_the_published_recordings(
+    source: str, folder: str, vehicles: int, least: int, real_data: Path, tmp_path: Path
+) -> None:
+    if not (real_data / folder).is_dir():
+        pytest.skip(f"no {folder} in {real_data}")
+    (layout,) = (
+        text for text in re.findall(r"```yaml\n(.*?)```", PAGE.read_text(), re.DOTALL) if f"source: {source}\n" in text
+    )
+    shutil.copytree(real_data / folder, tmp_path / "r")
+    (tmp_path / "r/layout.yaml").write_text(layout)
+    ((clips, result),) = imported_clips([tmp_path / "r"], ["described"])
+    check_near_misses(result.table, source)
+    summary = result.summaries[0]
+    assert summary.source == source
+    assert summary.vehicles >= vehicles
+    assert summary.near_misses >= least
+    people = [track.values for clip in clips for track in clip.pedestrians]
+    speed = np.concatenate([np.hypot(one["vx"], one["vy"]) for one in people])
+    assert 1.0 < np.median(speed[speed > 0.5]) < 1.8  # people walk: the units of time and place are right
+
+
+def test_the_page_shows_every_key_of_a_layout() -> None:
+    keys = re.search(r"### `layout.yaml`\n.*?```yaml\n(.*?)```.*?```yaml\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    shown = set(re.findall(r"^(\w+):", keys[1] + keys[2], re.MULTILINE)) | {"time_unit", "width"}
+    assert shown == set(KEYS)

@@ -89,7 +89,7 @@ def test_the_command_leaves_out_who_is_faster_than_it_is_told(tmp_path: Path) ->
     command = ["import", str(tmp_path), "--format", "described", "--fastest", "2.5", "-o", str(tmp_path / "o.parquet")]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
-    assert "left out 1 pedestrians faster than 2.5 m/s" in done.output
+    assert "left out: pedestrians faster than 2.5 m/s: 1" in done.output
     assert read_near_misses(tmp_path / "o.parquet")["interaction"].n_unique() == 1
 
 
@@ -102,7 +102,7 @@ def test_a_track_is_cut_where_it_jumps_as_nobody_runs_and_the_jump_is_counted(tm
     assert result.summaries[0].left_out == count
     assert result.summaries[0].pedestrians == 2
     assert result.table["ped_vy"].to_numpy() == pytest.approx(1.3)  # no slope over the jump
-    assert "left out 1 speeds of pedestrians above 12 m/s (jumps), at which tracks are cut" in said(result)
+    assert "left out: speeds of pedestrians above 12 m/s (jumps), at which tracks are cut: 1" in said(result)
     assert imported(tmp_path, a_car_and(walker)).summaries[0].left_out == {}
 
 
@@ -182,7 +182,7 @@ def test_a_check_draws_near_misses_and_not_the_first_pairs(monkeypatch: pytest.M
     imported(tmp_path, a_car_and(*far, *near))
     said, drawn = titles(monkeypatch, [tmp_path])
     assert drawn == [f"a: near miss {k}, c and p{k}" for k in (0, 2, 3, 5, 6, 8)]  # spread over all nine
-    assert "17 pairs, 9 near misses; 6 of them are drawn" in said
+    assert "17 pairs, 9 near misses; 6 drawn" in said
 
 
 def test_a_check_draws_every_folder_and_first_pairs_where_there_is_no_near_miss(
@@ -195,7 +195,7 @@ def test_a_check_draws_every_folder_and_first_pairs_where_there_is_no_near_miss(
     said, drawn = titles(monkeypatch, folders)
     assert drawn == ["a: near miss 0, c and p", "a: near miss 0, c and q", "a: no near miss, c and r"]
     assert [line for line in said if line.startswith("two: 1 of 1 pedestrians (100.0%) are faster than 2.5 m/s")]
-    assert "three: 1 pairs, 0 near misses; the first 1 pairs are drawn" in said
+    assert "three: 1 pair, 0 near misses; the first 1 pair drawn" in said
 
 
 def far_away(name: str) -> pl.DataFrame:

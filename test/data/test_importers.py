@@ -116,9 +116,7 @@ def test_each_format_has_its_own_vehicle_size(tmp_path: Path, form: str, rate: f
 def test_an_import_without_a_near_miss_says_what_was_there_and_the_likely_cause(tmp_path: Path) -> None:
     write_clip(tmp_path, "far", lateral=-30.0)
     result = import_trajectories(tmp_path, "vci-dut")
-    counts = (
-        "vci-dut: 1 clips, 1 tracks of vehicles, 1 of pedestrians, 1 pairs that are there at the same time, none bel"
-    )
+    counts = "vci-dut: 1 clip, 1 track of vehicles, 1 of pedestrians, 1 pair at the same time, none below"
     with pytest.raises(InvalidInput, match=f"no near miss: {counts}.*left out: nothing; nobody meets .* check units"):
         require_near_misses(result)
     edit(pedestrian_file(tmp_path, "far"), lambda lines: [lines[0], *(_later(line) for line in lines[1:])])

@@ -7,7 +7,8 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
-from vpsci_ros.data.importers.described import BLANK, UNREADABLE
+from vpsci_ros.data.importers.described import BLANK
+from vpsci_ros.data.importers.layout import UNREADABLE
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.recordings import check_recordings
 
@@ -198,9 +199,7 @@ def test_a_format_without_one_of_the_two_kinds_says_what_there_is(tmp_path):
     write_levelx(tmp_path)
     path = tmp_path / "07_tracksMeta.csv"
     path.write_text(path.read_text().replace("pedestrian", "fussgaenger"))
-    with pytest.raises(
-        InvalidInput, match="no pedestrian in 1 clips; left out were .*1 road users of class fussgaenger"
-    ):
+    with pytest.raises(InvalidInput, match="no pedestrian in 1 clip; left out: .*road users of class fussgaenger: 1"):
         import_trajectories(tmp_path, "levelx")
 
 
@@ -227,8 +226,8 @@ def test_a_check_draws_near_misses_and_says_extent_speeds_and_sizes(tmp_path):
     assert (tmp_path / "check.png").stat().st_size > 10_000
     assert "median speeds: vehicles 6.00 m/s, pedestrians 1.50 m/s" in said
     assert "sizes of vehicles: 4.2 x 1.7 to 4.2 x 1.7 m" in said
-    assert "1 pairs, 1 near misses; 1 of them are drawn" in said
-    assert "left out 1 road users of class bicycle" in said
+    assert "1 pair, 1 near miss; 1 drawn" in said
+    assert "left out: road users of class bicycle: 1" in said
 
 
 def test_sizes_of_the_track_decide_when_it_touches(tmp_path):
@@ -247,8 +246,12 @@ def test_sizes_of_the_track_decide_when_it_touches(tmp_path):
 @pytest.mark.parametrize(
     ("column", "change", "said"),
     [
-        ("heading", pl.col("heading").radians(), "headings differ from the direction of motion"),
-        ("xVelocity", pl.col("xVelocity") * 3.6, "times as fast as their speeds say"),
+        (
+            "heading",
+            pl.col("heading").radians(),
+            "headings differ from the direction of motion by .*they fit `units: {angle: rad}`",
+        ),
+        ("xVelocity", pl.col("xVelocity") * 3.6, "column xVelocity and yVelocity says .* m/s, positions .* m/s"),
         (
             "xCenter",
             pl.when(pl.col("frame") == 3).then(None).otherwise(pl.col("xCenter")),
@@ -294,7 +297,7 @@ def test_a_wrong_description_is_refused_by_key(old, new, said, tmp_path):
         ({"beside": '{one: ""}'}, "beside: expected parts of files' names"),
         ({"beside": '{"": two}'}, "beside: expected parts of files' names"),
         ({"beside": "{one: two}"}, "beside: no file with one in its name has one with two there .*found one.csv"),
-        ({"clip": "runn"}, "expected columns runn; runn is missing, the file has who, n, kind, px, py"),
+        ({"clip": "runn"}, "column runn is missing; it has who, n, kind, px, py"),
     ],
 )
 def test_a_pattern_or_a_column_that_names_nothing_is_refused(layout, said, tmp_path):
@@ -322,11 +325,8 @@ def test_rows_without_the_name_of_a_clip_are_left_out_and_counted(tmp_path):
 def test_a_first_line_without_end_is_refused_before_it_is_taken_apart(tmp_path):
     write_described(tmp_path)
     (tmp_path / "one.csv").write_text("a," * 100_000 + "\n1\n")
-    for form in ("described", "hc"):
-        with pytest.raises(
-            InvalidInput, match=r"one.csv: its first line has 0.2 MB; expected a line of columns, of at m"
-        ):
-            [*IMPORTERS.find(form).read(tmp_path)]
+    with pytest.raises(InvalidInput, match=r"one.csv: its first line has 0.2 MB; expected a line of columns, of at m"):
+        [*IMPORTERS.find("described").read(tmp_path)]
 
 
 def with_compass(folder, **layout):
@@ -337,7 +337,8 @@ def with_compass(folder, **layout):
     rows = pl.read_csv(folder / "one.csv").with_columns(yaw=yaw, v=speed)
     rows.write_csv(folder / "one.csv", separator=";")
     columns = "{id: who, frame: n, class: kind, x: px, y: py, heading: yaw, speed: v}"
-    given = {"delimiter": '";"', "degrees": "true", "compass": "true", "columns": columns} | layout
+    units = {"units": "{angle: deg}", "heading": "clockwise from north"}
+    given = {"delimiter": '";"', "columns": columns} | units | layout
     text = LAYOUT.replace("columns: {id: who, frame: n, class: kind, x: px, y: py}", "")
     (folder / "layout.yaml").write_text(text + "".join(f"{key}: {value}\n" for key, value in given.items()))
 
@@ -348,13 +349,15 @@ def test_a_delimiter_a_compass_and_a_speed_alone_can_be_described(tmp_path):
     assert result.table["veh_heading"].to_numpy() == pytest.approx(HEADING, abs=1e-6)
     assert result.table["veh_speed"].to_numpy() == pytest.approx(SPEED, abs=1e-6)
     assert result.table["ped_vy"].to_numpy() == pytest.approx(WALK * np.cos(HEADING), abs=0.02)
-    assert result.summaries[0].assumed[1:] == ("velocities of pedestrians are slopes of positions over 0.4 s",)
+    assert result.summaries[0].assumed[:1] == ("velocities of pedestrians are slopes of positions over 0.4 s",)
 
 
 @pytest.mark.parametrize(
     ("layout", "said"),
     [
-        ({"compass": "false"}, "expected degrees counter-clockwise from x; they may be in radians, .* or with y down$"),
+        ({"heading": "clockwise from x"}, "expected deg clockwise from x; they fit .*deg.*: clockwise from north`"),
+        ({"heading": "[]"}, "heading: expected from x to y, counter-clockwise from x, .*got \\[\\]"),
+        ({"compass": "true"}, "compass: is written as `heading: clockwise from north`"),
         ({"delimiter": '"tab"'}, "delimiter: expected one character such as ';', got 'tab'"),
         (
             {"vehicles": "[lorry]"},

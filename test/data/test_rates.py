@@ -68,7 +68,7 @@ def test_gaps_are_counted_where_tracks_are_cut(apart: float, gap: float, tmp_pat
     assert result.summaries[0].pairs == 2
     said = io.StringIO()
     print_import_summary(result, Console(file=said, width=120))
-    assert "described: left out 2 gaps between rows, at which tracks are cut" in said.getvalue()
+    assert "described: left out: gaps between rows, at which tracks are cut: 2" in said.getvalue()
 
 
 def test_no_near_miss_is_shorter_than_a_slope(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from vpsci_ros.bags.odometry import ODOMETRY
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.bags.topic_info import TopicInfo, extent
-from vpsci_ros.documents import printable
+from vpsci_ros.documents import counted, printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import SAFETY, WORLD
@@ -110,7 +110,7 @@ def print_info(info: dict[str, Any], console: Console) -> None:
         counts = f"{info['messages_seen']:,} seen, {info['messages_written']:,} written"
     files = f"{len(info['files'])} files" if len(info["files"]) > 1 else info["files"][0]
     console.print(escape(f"{info['bag']}: {files}, {size}, {info['duration']:.2f} s ({info['time']} time)"))
-    console.print(f"{info['messages']:,} messages ({counts})")
+    console.print(f"{counted(info['messages'], 'message')} ({counts})")
     for text in info["damage"]:
         console.print(escape(f"damaged: {text}; this is what is readable; `vpsci bag repair` completes an MCAP bag"))
     table = Table("topic", "type", box=None, header_style="bold")
@@ -133,7 +133,7 @@ def _print_episodes(info: dict[str, Any], console: Console) -> None:
     outcomes = ", ".join(f"{count} {name}" for name, count in sorted(info["outcomes"].items()))
     unfinished = f", {info['episodes_unfinished']} unfinished" if info["episodes_unfinished"] else ""
     console.print(
-        f"{len(episodes):,} episode{'s' * (len(episodes) != 1)}: {outcomes or 'none that ended in it'}{unfinished}"
+        f"{counted(len(episodes), 'episode')}: {outcomes or 'none that ended in it'}{unfinished}"
     )
     least = [e["least_curvttc"] for e in episodes if e["least_curvttc"] is not None]
     if least:

@@ -10,7 +10,7 @@ from typing import Any
 
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.topic_info import TopicInfo, by_name, extent
-from vpsci_ros.documents import read_yaml, require_regular
+from vpsci_ros.documents import read_yaml, refuse_pointer, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
 from vpsci_ros.wire.layout import WORLD
@@ -147,6 +147,7 @@ def bag_files(path: str | Path) -> list[Path]:
     path = Path(path)
     require_regular(path)
     if path.is_file() and path.suffix == ".mcap":
+        refuse_pointer(path)
         return [path]
     if path.suffix == ".db3":
         raise InvalidInput(f"{path}: {_SQLITE}")
@@ -162,6 +163,7 @@ def bag_files(path: str | Path) -> list[Path]:
         require_regular(file)
         if file.is_dir():
             raise InvalidInput(f"{file}: expected a file of a bag, found a folder")
+        refuse_pointer(file)
     return sorted(files, key=_number)
 
 

@@ -45,7 +45,7 @@ def doctor() -> None:
         print(f"  {extra:11s} {state}  {BRINGS.get(extra, '')}")
         if missing and len(missing) < len(wanted):
             print(f"{'':25s}lacks {', '.join(missing)}")
-    print("\nto add one: pip install 'vpsci_ros[NAME]'")
+    print("\nto add one: pip install -c constraints.txt '.[NAME]' in the repository")
     folder, size = kernel_cache()
     print(f"compiled kernels: {size / 1e6:.0f} MB in {folder}; delete the folder to free it")
     try:

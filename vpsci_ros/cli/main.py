@@ -68,6 +68,10 @@ def import_command(
             "--fastest", min=0.0, metavar="M/S", help="Leave out pedestrians with a higher median speed: bicycles."
         ),
     ] = None,
+    frame_rate: Annotated[
+        float,
+        typer.Option("--frame-rate", min=0.0, metavar="1/S", help="Of files that count frames; 0: the format's."),
+    ] = 0.0,
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
     check: Annotated[
         bool,
@@ -84,11 +88,11 @@ def import_command(
         from vpsci_ros.report.recordings import check_recordings
 
         picture = output.with_suffix(".png")
-        print("\n".join(check_recordings(folders, formats, picture, limit)))
+        print("\n".join(check_recordings(folders, formats, picture, limit, frame_rate)))
         print(f"written: {picture}")
         return
     with Bars(f"importing {', '.join(map(str, folders))}"):
-        result = import_folders(folders, formats, limit)
+        result = import_folders(folders, formats, limit, frame_rate)
     require_near_misses(result)
     result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)

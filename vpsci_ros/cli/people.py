@@ -48,6 +48,7 @@ def people(
     `vpsci import` writes them. Without -o it lists the sources of banks, and
     at which onsets each was recorded: `vpsci people people`.
     """
+    from vpsci_ros.documents import counted
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.policy.bank import Bank, save_bank
     from vpsci_ros.policy.make_bank import bank_of_tables
@@ -67,7 +68,8 @@ def people(
     save_bank(output, bank)
     _print(bank)
     data = bank.facts["data"]
-    print(f"written: {output}, from {data['interactions']} near misses of {data['clips']} clips")
+    near_misses, clips = counted(data["interactions"], "near miss", "near misses"), counted(data["clips"], "clip")
+    print(f"written: {output}, from {near_misses} of {clips}")
 
 
 def _print(bank: "Bank") -> None:

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from vpsci_ros.documents import parse_json, reason, require_form, require_regular
+from vpsci_ros.documents import parse_json, reason, refuse_pointer, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write
 
@@ -70,6 +70,7 @@ def read_parquet(
         raise InvalidInput(f"{path}: a folder; expected {what} in Parquet (`vpsci import` makes one of recordings)")
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected {what} in Parquet")
+    refuse_pointer(path)
     try:
         with open_parquet(path) as file:
             table = read_bounded(file)

@@ -11,6 +11,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from vpsci_ros.data.importers import Clip, ImportResult, Track, imported_clips
+from vpsci_ros.documents import counted
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.report.world_figures import outlines
@@ -24,18 +25,22 @@ Floats = NDArray[np.float64]
 
 
 def check_recordings(
-    folders: Sequence[Path], formats: Sequence[str], path: str | Path, fastest: float = math.inf
+    folders: Sequence[Path],
+    formats: Sequence[str],
+    path: str | Path,
+    fastest: float = math.inf,
+    frame_rate: float = 0.0,
 ) -> list[str]:
     """Draw near misses of all folders as one PNG: both agents' paths, and the vehicle's outline at the onset.
 
     The drawn near misses are spread evenly over those of a folder. Of a folder without near misses the first pairs are
     drawn.
 
-    :param formats: one for each folder, or one for all; fastest: see `import_folders`.
+    :param formats: one for each folder, or one for all; fastest, frame_rate: see `import_folders`.
     :returns: lines about each folder: tracks, extent [m], speeds [m/s], sizes [m], near misses, what is left out.
     :raises InvalidInput: a folder holds no vehicle and pedestrian at the same time, or see `import_folders`.
     """
-    read = imported_clips(folders, formats, fastest)
+    read = imported_clips(folders, formats, fastest, frame_rate)
     rows = ROWS if len(read) == 1 else len(read)
     figure, axes = new_figure(4.0 * COLUMNS, 4.0 * rows, rows, COLUMNS)
     grid, lines = list(axes.flat), []
@@ -107,7 +112,7 @@ def _facts(clips: Sequence[Clip]) -> list[str]:
     sizes = sorted({tuple(round(side, 1) for side in car.size) for car in cars if car.size})
     known = f"{' x '.join(map(str, sizes[0]))} to {' x '.join(map(str, sizes[-1]))} m" if sizes else "the format's"
     return [
-        f"{len(clips)} clips, {len(cars)} tracks of vehicles, {len(people)} of pedestrians",
+        f"{counted(len(clips), 'clip')}, {counted(len(cars), 'track')} of vehicles, {len(people)} of pedestrians",
         f"extent: {np.ptp(x):.1f} x {np.ptp(y):.1f} m",
         f"median speeds: vehicles {np.nanmedian(speeds[0]):.2f} m/s, pedestrians {np.median(speeds[1]):.2f} m/s",
         f"sizes of vehicles: {known}",
@@ -116,9 +121,9 @@ def _facts(clips: Sequence[Clip]) -> list[str]:
 
 def _found(result: ImportResult, drawn: int) -> list[str]:
     (summary,) = result.summaries
-    shown = f"{drawn} of them are drawn" if summary.near_misses else f"the first {drawn} pairs are drawn"
+    shown = f"{drawn} drawn" if summary.near_misses else f"the first {counted(drawn, 'pair')} drawn"
     return [
         summary.speeds,
-        f"{summary.pairs:,} pairs, {summary.near_misses:,} near misses; {shown}",
-        *(f"left out {count:,} {text}" for text, count in summary.left_out.items()),
+        f"{counted(summary.pairs, 'pair')}, {counted(summary.near_misses, 'near miss', 'near misses')}; {shown}",
+        *(f"left out: {text}: {count:,}" for text, count in summary.left_out.items()),
     ]

@@ -142,7 +142,7 @@ def test_hdi_becomes_near_misses_in_metres_with_y_up(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("frame_rate: 50\nmetres: 0.05\n", "move 2 times as fast as their speeds say"),
+        ("frame_rate: 50\nmetres: 0.05\n", "2 times as much; they fit 25 frames a second"),
         ("frame_rate: 25\n", "expected frame_rate .* and metres in a pixel"),
         (None, "say neither their frame rate nor how large a pixel is"),
     ],

@@ -3,9 +3,9 @@
 Source: Zhang et al., "A Pedestrian Trajectory Prediction Model for Right-Turn Unsignalized Intersections Based on Game
 Theory", IEEE T-ITS 2024, doi 10.1109/TITS.2024.3398648 (MIT licence). A file NAME.txt holds events, a row a step, tab
 separated, without a header: event, then x, y, speed, acceleration and waiting time of the pedestrian and of the
-vehicle, and their distance; columns after these are not read. Files of corner 1 have a 1 in their names, those of
-corner 2 a 2. `clips.csv` (file, event, clip, part) says which events share a road user, and so make one clip, and
-which part, train or dev, a clip belongs to.
+vehicle, and their distance, which has to be that of the positions; columns after these are not read. Files of corner 1
+have a 1 in their names, those of corner 2 a 2. `clips.csv` (file, event, clip, part) says which events share a road
+user, and so make one clip, and which part, train or dev, a clip belongs to.
 
 There is no heading, no size and no clock, and what is measured by hand from video is noisy. So the time step of each
 event is found from its speeds, positions are smoothed, headings are directions of the way, and events whose motion
@@ -45,6 +45,7 @@ _STANDING = 0.1  # [m/s] below which a vehicle makes no way
 _STEP_TOLERANCE = 0.1  # by which the time step from positions and speeds may differ
 _WAIT_TOLERANCE = 0.2  # by which the median increment of the waiting times may differ
 _LONGEST_GAP = 2  # rows without a position that are bridged
+_DISTANCE = 0.1  # [m] by which the median distance may differ from that of the positions
 _FEWEST = 5  # rows of an event
 _SAME = 0.9  # share of equal positions, of both road users, by which two events are the same one
 _APART = 10  # steps between two events of a clip
@@ -122,15 +123,28 @@ def _read_events(path: Path) -> list[_Event]:
     for count, line in enumerate(lines, 1):
         cells = line.split("\t")
         try:
-            values = [float(cell) if cell.strip() else np.nan for cell in cells[: len(_COLUMNS)]]
+            values = [float(cell) if cell.strip() else np.nan for cell in cells[: len(_COLUMNS) + 1]]
             number = int(cells[0])
         except ValueError:
             values = []
         if len(values) < len(_COLUMNS):
             expected = f"{', '.join(_COLUMNS)}, with tabs between them"
             raise InvalidInput(f"{path}: line {count}: expected {expected}; got {shown(line)}")
-        rows.setdefault(number, []).append(values)
+        rows.setdefault(number, []).append([*values, np.nan][: len(_COLUMNS) + 1])
+    _require_distances(np.array([row for own in rows.values() for row in own]), path)
     return [_event(path.stem, number, np.array(own)) for number, own in rows.items()]
+
+
+def _require_distances(rows: Floats, path: Path) -> None:
+    """Refuse rows whose last column, the distance, is not that of the positions (median)."""
+    said = rows[:, -1]
+    apart = np.hypot(rows[:, 1] - rows[:, 6], rows[:, 2] - rows[:, 7])
+    known = np.isfinite(said - apart)
+    if known.any() and (off := float(np.median(np.abs(said - apart)[known]))) > _DISTANCE:
+        raise InvalidInput(
+            f"{path}: distances differ from those of the positions by {off:.2g} m (median; they say "
+            f"{np.median(said[known]):.3g} m, the positions {np.median(apart[known]):.3g} m); expected metres in both"
+        )
 
 
 def _event(file: str, number: int, values: Floats) -> _Event:

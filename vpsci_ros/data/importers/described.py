@@ -1,7 +1,7 @@
 """Recordings of any other layout, whose columns the file `layout.yaml` in the same folder describes."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -9,39 +9,49 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of
-from vpsci_ros.data.importers.layout_file import FILE, LayoutFile, read_layout_file
+from vpsci_ros.data.importers.agreement import require_fixed_frame
+from vpsci_ros.data.importers.layout import classes_in, clip_of
+from vpsci_ros.data.importers.layout_file import FILE, LENGTH, WIDTH, Layout, LayoutFile, read_layout_file
 from vpsci_ros.data.importers.tracks import LINE, WHOLE, Clip, Importer, merged, read_csv, require_columns
-from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import listed, reason, shown
 from vpsci_ros.errors import InvalidInput, require
 
 LOST = "rows that are marked as lost"  # a count of `Clip.left_out`
-UNREADABLE = "road users that cannot be read"  # a count of `Clip.left_out`
-BLANK = "rows without the name of a clip"  # likewise
+BLANK = "rows without the name of a clip"  # a count of `Clip.left_out`
+OFF = 0.5, 0.1  # [m], and share, by which the median distance may differ from that of the positions
 _MARKS = {"1": True, "true": True, "0": False, "false": False, "": False}  # of a lost row, and of others
 
 
-def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
+def described(folder: Path, description: Path | None = None, frame_rate: float = 0.0) -> Iterator[Clip]:
     """Yield the clips of the files that the layout names: one a file, or one a value of the layout's `clip` column.
 
     :param description: the layout's file; None: `layout.yaml` in the folder.
+    :param frame_rate: in place of the layout's, if above 0 [1/s].
     :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong, or whose classes do not occur
-        (of a `description`, none of them); or see `_readable`.
+        (of a `description`, none of them); or see `layout.clip_of`.
     """
     path = description or folder / FILE
-    keys, layouts = read_layout_file(path)
+    keys = read_layout_file(path)
+    layouts = [replace(layout, frame_rate=frame_rate or layout.frame_rate) for layout in keys.layouts]
     files = _files(folder, keys, path)
     scales = _scales(folder, files, keys.metres, path)
-    size, seen = (float(keys.length), float(keys.width)), Counter[str]()
+    seen = Counter[str]()
     for file in files:
         name = file.relative_to(folder).with_suffix("").as_posix()
         scaled = [replace(layout, metres=scales[file]) for layout in layouts]
         for part, table, left_out in _clips(file, keys, layouts):
-            parts = [_readable(f"{name}{part}", file, _rows_of(table, keys, each), each) for each in scaled]
-            clip = _without_heading_jumps(merged(parts)).with_size(*size).without_faster(float(keys.fastest))
-            yield replace(clip, left_out={**clip.left_out, **left_out}, source=keys.source)
+            if keys.distance:
+                _require_distance(table, keys, scaled, file)
+            parts = [
+                clip_of(f"{name}{part}", {file: (_rows_of(table, layout, len(layouts)), layout)}, lenient=True)
+                for layout in scaled
+            ]
+            whole = merged(parts)
+            if not keys.fixed:
+                require_fixed_frame(f"{file}, clip {whole.name}", whole.pedestrians)
+            clip = whole.with_size(keys.length, keys.width).without_faster(keys.fastest)
+            yield replace(clip, left_out={**clip.left_out, **left_out}, source=keys.source, fixed=keys.fixed)
             seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
     layout = layouts[0]
     for key, named in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)) * (len(layouts) == 1):
@@ -72,7 +82,7 @@ def _files(folder: Path, keys: LayoutFile, path: Path) -> list[Path]:
     if not files:
         raise InvalidInput(f"{folder}: expected files {pattern}, as {path.name} says; found none")
     for own, theirs in keys.beside.items():
-        if not any(_beside(file, str(own), str(theirs)) for file in files):
+        if not any(_beside(file, own, theirs) for file in files):
             raise InvalidInput(
                 f"{path}: beside: no file with {own} in its name has one with {theirs} there beside it; found "
                 f"{listed(file.name for file in files)}"
@@ -86,13 +96,11 @@ def _beside(file: Path, own: str, theirs: str) -> Path | None:
     return other if other != file and other.is_file() else None
 
 
-def _scales(folder: Path, files: list[Path], metres: float | Mapping[str, float], path: Path) -> dict[Path, float]:
-    """Return metres in one unit of each file: one number for all, or by patterns of the files' names.
+def _scales(folder: Path, files: list[Path], metres: Mapping[str, float], path: Path) -> dict[Path, float]:
+    """Return metres in one unit of each file.
 
     :raises InvalidInput: a file for which there are none or several, or a pattern of no file.
     """
-    if not isinstance(metres, Mapping):
-        return dict.fromkeys(files, float(metres))
     names = {file: file.relative_to(folder).as_posix() for file in files}
     matches = {file: [pattern for pattern in metres if fnmatchcase(name, pattern)] for file, name in names.items()}
     for file, found in matches.items():
@@ -102,17 +110,34 @@ def _scales(folder: Path, files: list[Path], metres: float | Mapping[str, float]
             )
     if unused := [pattern for pattern in metres if [pattern] not in matches.values()]:
         raise InvalidInput(f"{path}: metres: {unused[0]} names no file; there are {listed(names.values())}")
-    return {file: float(metres[found[0]]) for file, found in matches.items()}
+    return {file: metres[found[0]] for file, found in matches.items()}
 
 
-def _rows_of(table: pl.DataFrame, keys: LayoutFile, layout: Layout) -> pl.DataFrame:
-    """Return the layout's rows of a table with both agents in a row: those in which its agent is there, each once."""
-    columns = keys.vehicle if layout.vehicles else keys.pedestrian
-    own = [str(column) for column in columns.values()]
-    if not own or not set(layout.columns.values()) <= set(table.columns):
+def _rows_of(table: pl.DataFrame, layout: Layout, layouts: int) -> pl.DataFrame:
+    """Return the rows of a layout: of two layouts those in which its road user is there, each once."""
+    names = {name: column for name, column in layout.columns.items() if column in table.columns}
+    if layouts == 1 or len(names) < len(layout.columns):
         return table
+    own = [column for name, column in names.items() if name not in ("frame", "time")]
     there = table.filter(~pl.all_horizontal(pl.col(own).is_null()))
-    return there.unique(sorted(set(layout.columns.values())), keep="first", maintain_order=True)
+    return there.unique(sorted(set(names.values())), keep="first", maintain_order=True)
+
+
+def _require_distance(table: pl.DataFrame, keys: LayoutFile, layouts: list[Layout], file: Path) -> None:
+    """Refuse distances that contradict the positions of the vehicle and of the pedestrian in each row."""
+    require_columns(table, [keys.distance], file)
+    places = [[layout.columns.get(name, "") for name in ("x", "y")] for layout in layouts]
+    if not {name for place in places for name in place} <= set(table.columns):
+        return
+    (x, y), (px, py) = ([pl.col(name).cast(pl.Float64, strict=False) for name in place] for place in places)
+    apart = ((x - px) ** 2 + (y - py) ** 2).sqrt()
+    rows = table.select(apart=apart, said=pl.col(keys.distance).cast(pl.Float64, strict=False)).drop_nulls()
+    apart_, said = (float(np.median(rows[name].to_numpy())) * layouts[0].metres for name in ("apart", "said"))
+    if abs(apart_ - said) > max(OFF[0], OFF[1] * apart_):
+        raise InvalidInput(
+            f"{file}: column {keys.distance} says {said:.3g} m, the positions are {apart_:.3g} m apart (medians); they "
+            "may be of another unit or of other points of the vehicle; or leave the column out"
+        )
 
 
 def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path) -> pl.DataFrame:
@@ -139,22 +164,24 @@ def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path)
     return table.with_columns(**dict(zip(names, to_metres.transform(*degrees), strict=True)))
 
 
-def _clips(file: Path, keys: LayoutFile, layouts: list[Layout]) -> Iterator[tuple[str, pl.DataFrame, dict[str, int]]]:
+def _clips(
+    file: Path, keys: LayoutFile, layouts: Sequence[Layout]
+) -> Iterator[tuple[str, pl.DataFrame, dict[str, int]]]:
     """Yield the clips of a file: end of the name, table, and counts of left-out rows; the first clip has all counts.
 
     :raises InvalidInput: the file does not have the column `clip`, or no row has a value there; or see `_not_lost`.
     """
     table = _table(file, keys)
     for own, theirs in keys.beside.items():
-        if (other := _beside(file, str(own), str(theirs))) is not None:
+        if (other := _beside(file, own, theirs)) is not None:
             table = pl.concat([table, _table(other, keys)], how="diagonal_relaxed")
     for layout in layouts:
         table = _projected(table, keys.projection, layout, file)
     whole, left_out = table.height, Counter[str]()
-    if "lost" in keys.columns:
-        table = _not_lost(table, str(keys.columns["lost"]), file)
+    if keys.lost:
+        table = _not_lost(table, keys.lost, file)
         left_out[LOST] = whole - table.height
-    column = str(keys.clip)
+    column = keys.clip
     if not column:
         yield "", table, left_out
         return
@@ -191,47 +218,4 @@ def _table(file: Path, keys: LayoutFile) -> pl.DataFrame:
     return table.with_columns(pl.int_range(first, first + pl.len()).alias(LINE))
 
 
-def _readable(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
-    """Return the clip of a table without the road users that cannot be read.
-
-    They have to be fewer than half, and neither all vehicles nor all pedestrians.
-
-    :raises InvalidInput: see `clip_of`.
-    """
-    try:
-        return clip_of(name, {path: (table, layout)})
-    except InvalidInput as refused:
-        column = layout.columns["id"]
-        if column not in table.columns:
-            raise
-        known = table.drop_nulls(column)
-        numbered = known.with_columns(known[column].cast(pl.String).rank("dense").cast(pl.Int64).alias(column))
-        names = dict(zip(numbered[column], known[column].cast(pl.String), strict=True))
-        clips, bad, classes = [], 0, set[str]()
-        for track in numbered.partition_by(column, maintain_order=True):
-            try:
-                clips.append(clip_of(name, {path: (track, layout)}))
-            except InvalidInput:
-                bad += 1
-                classes |= classes_in(track, layout).keys()
-        no_vehicle = classes & layout.vehicles and not any(clip.vehicles for clip in clips)
-        no_pedestrian = classes & layout.pedestrians and not any(clip.pedestrians for clip in clips)
-        if bad >= len(clips) or no_vehicle or no_pedestrian:
-            raise
-        clip = merged(clips)
-        return replace(
-            clip,
-            vehicles=[replace(track, name=names[track.number]) for track in clip.vehicles],
-            pedestrians=[replace(track, name=names[track.number]) for track in clip.pedestrians],
-            left_out={UNREADABLE: bad, "rows without an id": table.height - known.height, **clip.left_out},
-            assumed=(*clip.assumed, f"the first left out: {refused}"),
-        )
-
-
-def _without_heading_jumps(clip: Clip) -> Clip:
-    good = [track for track in clip.vehicles if not (np.abs(np.diff(track.values["heading"])) >= TURN_LIMIT).any()]
-    left_out = {**clip.left_out, "vehicles whose heading jumps": len(clip.vehicles) - len(good)}
-    return replace(clip, vehicles=good, left_out=left_out)
-
-
-DESCRIBED = Importer(described, length=LayoutFile.length, width=LayoutFile.width)
+DESCRIBED = Importer(described, length=LENGTH, width=WIDTH)

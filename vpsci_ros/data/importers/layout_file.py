@@ -1,69 +1,218 @@
-"""The file `layout.yaml`, which describes the columns of recordings of any layout.
+"""The file `layout.yaml`, which describes the columns of recordings of any layout; docs/formats.md says what keys mean.
 
-docs/formats.md says what each key means.
+A `Layout` has the names, units, axes and classes of a table's columns, a `LayoutFile` the files and what holds for all.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.data.importers.layout import BOX, Layout
+import polars as pl
+
 from vpsci_ros.data.importers.tracks import require_source
 from vpsci_ros.documents import read_yaml, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
 
 FILE = "layout.yaml"
-_COLUMNS = ("id", "frame", "time", "class", "x", "y", *BOX, "vx", "vy", "speed", "heading", "length", "width", "lost")
+BOX = ("x_min", "y_min", "x_max", "y_max")
+SPEEDS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "cm/s": 0.01}
+ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+UNITS = {"speed": SPEEDS, "angle": ANGLES, "size": LENGTHS}
+HEADINGS = {  # how a heading is measured -> factor and summand [rad] that make it counter-clockwise from x
+    "from x to y": (1.0, 0.0),
+    "counter-clockwise from x": (1.0, 0.0),
+    "clockwise from x": (-1.0, 0.0),
+    "clockwise from north": (-1.0, 0.5 * math.pi),
+    "counter-clockwise from north": (1.0, 0.5 * math.pi),
+}
+TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
+_COLUMNS = (
+    *("id", "frame", "time", "class", "x", "y", *BOX, "vx", "vy", "speed", "heading", "length", "width"),
+    *("lost", "distance"),
+)
+_OF_ROWS = ("lost", "distance")  # of a row, not of a road user
 _ROLES = ("vehicle", "pedestrian")
+_RETIRED = {"degrees": "units: {angle: deg}", "compass": "heading: clockwise from north"}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns of a table of tracks, and their units.
+
+    :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y` (or `x_min`, `y_min`, `x_max`, `y_max` of a box), and
+        optionally `vx`, `vy`, `speed` (along the heading), `heading`, `length`, `width`: the name of the column.
+        Without `id` all rows are of one road user.
+    :ivar vehicles, pedestrians: values of `class` that count as such, in small letters; others are left out. Without a
+        column `class` one of both is empty, and every track is of the other kind.
+    :ivar frame_rate: frames a second, where there is `frame`.
+    :ivar time_unit: seconds in one unit of `time`.
+    :ivar metres: metres in one unit of positions.
+    :ivar speed, size: m/s and metres in one unit of speeds and sizes; 0: `metres`.
+    :ivar angle: radians in one unit of headings.
+    :ivar heading: a key of `HEADINGS`. "from x to y" holds in the file's axes, the others are seen from above.
+    :ivar y_down: y points down, or to the right of x: y changes its sign.
+    :ivar smooth: window [s] of the parabolas that smooth positions; 0: they are not smoothed.
+    :ivar speeds_agree: refuse a table whose speeds differ from its positions by a tenth; false for filtered speeds,
+        which lag behind.
+    """
+
+    columns: Mapping[str, str]
+    vehicles: frozenset[str]
+    pedestrians: frozenset[str]
+    frame_rate: float = 0.0
+    time_unit: float = 1.0
+    metres: float = 1.0
+    speed: float = 0.0
+    size: float = 0.0
+    angle: float = 1.0
+    heading: str = "from x to y"
+    y_down: bool = False
+    smooth: float = 0.0
+    speeds_agree: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("vehicles", "pedestrians"):
+            object.__setattr__(self, name, frozenset(value.lower() for value in getattr(self, name)))
+
+    @property
+    def rate(self) -> float:
+        """Frames a second; those of `TICKS` where there is no `frame`."""
+        return self.frame_rate if "frame" in self.columns else TICKS
+
+    def unit(self, name: str) -> float:
+        """Return the factor that takes a column to metres or m/s; 1 for a heading."""
+        if name == "heading":
+            return 1.0
+        given = self.size if name in ("length", "width") else self.speed if name in ("vx", "vy", "speed") else 0.0
+        return given or self.metres
+
+    def directions(self, headings: pl.Series, angle: float, heading: str) -> pl.Series:
+        """Return headings in radians counter-clockwise from x; `angle` and `heading` say how they are measured."""
+        times, plus = HEADINGS[heading]
+        return headings * (angle * (-times if self.y_down and heading == "from x to y" else times)) + plus
 
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """The keys of a `layout.yaml`, each with its default."""
+    """What a `layout.yaml` says of its files and of all rows.
 
-    header: bool = True
-    files: str = "*.csv"
-    beside: Mapping[Any, Any] = field(default_factory=dict)
-    clip: str | int = ""
-    delimiter: str = ","
-    columns: Mapping[str, Any] = field(default_factory=dict)
-    vehicle: Mapping[str, Any] = field(default_factory=dict)
-    pedestrian: Mapping[str, Any] = field(default_factory=dict)
-    vehicles: Sequence[Any] = field(default_factory=list)
-    pedestrians: Sequence[Any] = field(default_factory=list)
-    frame_rate: float = 0.0
-    time_unit: float = 1.0
-    metres: float | Mapping[str, float] = 1.0
-    degrees: bool = False
-    compass: bool = False
-    y_down: bool = False
-    length: float = 4.5
-    width: float = 1.8
-    projection: str = ""
-    fastest: float = math.inf
-    source: str = ""
+    :ivar layouts: of its rows, or of the vehicle and of the pedestrian in each row.
+    :ivar metres: pattern of files -> metres in one unit of positions.
+    :ivar lost, distance: columns of the whole row; "": none.
+    """
+
+    layouts: tuple[Layout, ...]
+    metres: Mapping[str, float]
+    header: bool
+    files: str
+    beside: Mapping[str, str]
+    clip: str
+    delimiter: str
+    lost: str
+    distance: str
+    length: float
+    width: float
+    projection: str
+    fastest: float
+    fixed: bool
+    source: str
 
 
-def read_layout_file(path: Path) -> tuple[LayoutFile, list[Layout]]:
-    """Return the keys of a `layout.yaml`, and the layout of its rows, or of the vehicle and the pedestrian in each row.
+def _number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 1e-9
+
+
+def _patterns(value: object) -> bool:
+    return isinstance(value, dict) and bool(value) and all(isinstance(k, str) and _number(v) for k, v in value.items())
+
+
+def _truth(value: object) -> bool:
+    return isinstance(value, bool)
+
+
+def _part_of_a_name(value: object) -> bool:
+    return isinstance(value, (str, int)) and bool(text := str(value)) and not {"/", "\0"} & set(text)
+
+
+_LIST = "a list of values of the column `class`"
+_COLUMNS_OF = "names of columns such as {id: track, x: x}"
+KEYS: dict[str, tuple[Any, Callable[[Any], bool], str]] = {  # key -> default, check, what is expected
+    "header": (True, _truth, "true or false"),
+    "files": (
+        "*.csv",
+        lambda value: isinstance(value, str) and bool(value) and not Path(value).is_absolute(),
+        "a pattern such as '*.csv'",
+    ),
+    "beside": (
+        {},
+        lambda value: isinstance(value, dict) and all(map(_part_of_a_name, [*value, *value.values()])),
+        "parts of files' names such as {cars: people}",
+    ),
+    "clip": ("", lambda value: isinstance(value, (str, int)) and not _truth(value), "the name of a column"),
+    "delimiter": (
+        ",",
+        lambda value: isinstance(value, str) and len(value.encode()) == 1,
+        "one character such as ';'",
+    ),
+    "columns": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
+    "vehicle": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
+    "pedestrian": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
+    "vehicles": ([], lambda value: isinstance(value, list), _LIST),
+    "pedestrians": ([], lambda value: isinstance(value, list), _LIST),
+    "frame_rate": (0.0, lambda value: value == 0.0 or _number(value), "a number above 0"),
+    "time_unit": (1.0, _number, "a number above 0"),
+    "metres": (1.0, lambda value: _number(value) or _patterns(value), "a number above 0, or one a pattern of files"),
+    "units": (
+        {},
+        lambda value: isinstance(value, dict) and all(k in UNITS and str(v) in UNITS[k] for k, v in value.items()),
+        "; ".join(f"{name}: {', '.join(units)}" for name, units in UNITS.items()),
+    ),
+    "heading": ("from x to y", lambda value: str(value) in HEADINGS, ", ".join(HEADINGS)),
+    "y_down": (False, _truth, "true or false"),
+    "smooth": (0.0, lambda value: value == 0.0 or _number(value), "a window in seconds"),
+    "length": (4.5, _number, "a number above 0"),
+    "width": (1.8, _number, "a number above 0"),
+    "projection": ("", lambda value: isinstance(value, str), "a name such as EPSG:32632"),
+    "fastest": (math.inf, _number, "a number above 0"),
+    "fixed": (False, _truth, "true or false"),
+    "source": ("", lambda value: True, "a name"),
+}
+LENGTH, WIDTH = (float(KEYS[name][0]) for name in ("length", "width"))
+
+
+def read_layout_file(path: Path) -> LayoutFile:
+    """Return what a `layout.yaml` says.
 
     :raises InvalidInput: no such file, or a key that is missing, unknown, or not what it should be.
     """
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected a layout, see docs/formats.md")
-    given, defaults = read_yaml(path), vars(LayoutFile())
+    given = read_yaml(path)
     require_form(given, dict, str(path))
-    refuse_unknown(given, defaults, str(path))
-    values = defaults | given
-    layouts = _layouts(values, path)
-    return LayoutFile(**values), layouts
-
-
-def _is_in_a_name(part: object) -> bool:
-    return isinstance(part, (str, int)) and bool(text := str(part)) and not {"/", "\0"} & set(text)
+    for key in _RETIRED.keys() & given.keys():
+        raise InvalidInput(f"{path}: {key}: is written as `{_RETIRED[key]}`")
+    refuse_unknown(given, KEYS, str(path))
+    values = {key: given.get(key, default) for key, (default, _, _) in KEYS.items()}
+    for key, (_, is_right, expected) in KEYS.items():
+        if not is_right(values[key]):
+            raise InvalidInput(f"{path}: {key}: expected {expected}, got {shown(values[key])}")
+    if values["source"] != "":
+        require_source(values["source"], f"{path}: source:")
+    metres = values["metres"] if isinstance(values["metres"], dict) else {"*": values["metres"]}
+    own: dict[str, Any] = {name: str(values["columns"].get(name, "")) for name in _OF_ROWS}
+    plain = ("header", "files", "delimiter", "length", "width", "projection", "fastest", "fixed", "source")
+    return LayoutFile(
+        layouts=tuple(_layouts(values, path)),
+        metres={pattern: float(number) for pattern, number in metres.items()},
+        beside={str(one): str(other) for one, other in values["beside"].items()},
+        clip=str(values["clip"]),
+        **own,
+        **{name: values[name] for name in plain},
+    )
 
 
 def _layouts(values: dict[str, Any], path: Path) -> list[Layout]:
@@ -71,89 +220,73 @@ def _layouts(values: dict[str, Any], path: Path) -> list[Layout]:
 
     :raises InvalidInput: a value is not what its key expects.
     """
-    given = {role: values[role] for role in _ROLES if values[role] != {}}
-    for role, columns in given.items():
-        if len(given) == 1 or not isinstance(columns, dict) or not isinstance(values["columns"], dict):
-            raise InvalidInput(
-                f"{path}: {role}: expected columns of a row that holds both vehicle and pedestrian, such as "
-                f"{{id: car, x: car_x, y: car_y}}, and both keys, got {shown(columns)}"
-            )
-        if "class" in (both := values["columns"] | columns) or values["vehicles"] or values["pedestrians"]:
-            raise InvalidInput(f"{path}: {role}: expected either it or class, vehicles and pedestrians")
-        if "lost" in columns:
-            raise InvalidInput(f"{path}: {role}: lost belongs to columns: expected one mark for the whole row")
-        given[role] = both
+    given = {role: values[role] for role in _ROLES if values[role]}
     if not given:
-        return [_layout(values, path)]
-    return [_layout(values | {"columns": columns}, path, role) for role, columns in given.items()]
-
-
-def _layout(values: dict[str, Any], path: Path, role: str = "") -> Layout:
-    """Return the layout of a file's rows, or of the vehicle or the pedestrian (`role`) in them."""
-    columns = values["columns"]
-    if not isinstance(values["header"], bool):
-        raise InvalidInput(f"{path}: header: expected true or false, got {shown(values['header'])}")
-    if not isinstance(values["files"], str) or Path(values["files"]).is_absolute() or not values["files"]:
-        raise InvalidInput(f"{path}: files: expected a pattern such as '*.csv', got {shown(values['files'])}")
-    if not isinstance(columns, dict) or not set(columns) <= set(_COLUMNS) or not _has_places(set(columns)):
+        if "distance" in values["columns"]:
+            raise InvalidInput(f"{path}: columns: distance: expected rows that hold both a vehicle and a pedestrian")
+        for key in ("vehicles", "pedestrians"):
+            if not values[key] or "class" not in values["columns"]:
+                raise InvalidInput(f"{path}: {key}: expected {_LIST}, got {shown(values[key])}")
+        kinds = (frozenset(map(str, values[key])) for key in ("vehicles", "pedestrians"))
+        return [_layout(values, "columns", values["columns"], path, *kinds)]
+    if len(given) == 1:
+        role = next(iter(given))
         raise InvalidInput(
-            f"{path}: columns: expected id, x, y (or {', '.join(BOX)}) and others of {', '.join(_COLUMNS)}, got "
-            f"{shown(columns)}"
+            f"{path}: {role}: expected columns of a row that holds both vehicle and pedestrian, such as {{x: car_x, y: "
+            f"car_y}}, and both keys, got {shown(given[role])}"
         )
+    both = {role: values["columns"] | columns for role, columns in given.items()}
+    for role, columns in both.items():
+        if "class" in columns or values["vehicles"] or values["pedestrians"]:
+            raise InvalidInput(f"{path}: {role}: expected either it or class, vehicles and pedestrians")
+        if own := set(_OF_ROWS) & set(given[role]):
+            raise InvalidInput(f"{path}: {role}: {min(own)} belongs to columns: expected one for the whole row")
+    alone, none = frozenset({"it"}), frozenset[str]()
+    kinds_of = {"vehicle": (alone, none), "pedestrian": (none, alone)}
+    return [_layout(values, role, columns, path, *kinds_of[role]) for role, columns in both.items()]
+
+
+def _layout(
+    values: dict[str, Any],
+    key: str,
+    columns: dict[str, Any],
+    path: Path,
+    vehicles: frozenset[str],
+    pedestrians: frozenset[str],
+) -> Layout:
+    """Return the layout of a file's rows, or of one role in them; `key` is where its columns stand."""
+    where, names = f"{path}: {key}:", set(columns)
+    if unknown := sorted(map(str, names - set(_COLUMNS))):
+        raise InvalidInput(f"{where} {', '.join(unknown)}: unknown; expected {', '.join(_COLUMNS)}")
+    box = set(BOX) & names
+    wanted = {*BOX} if box else {"x", "y"}
+    wanted |= {"id"} if key == "columns" else set()
+    for one, other in (("vx", "vy"), ("length", "width")):
+        wanted |= {one, other} if {one, other} & names else set()
+    if missing := [name for name in _COLUMNS if name in wanted - names]:
+        instead = "" if box or {"x", "y"} & names else f" (or {', '.join(BOX)} of a box)"
+        raise InvalidInput(f"{where} {', '.join(missing)} missing{instead}; it has {', '.join(map(str, columns))}")
+    if box and {"x", "y"} & names:
+        raise InvalidInput(f"{where} expected either x and y or {', '.join(BOX)}")
+    if {"speed", "vx"} <= names:
+        raise InvalidInput(f"{where} expected either speed or vx and vy")
+    if ("frame" in names) == ("time" in names):
+        raise InvalidInput(f"{where} expected either frame or time")
+    if "frame" in names and not values["frame_rate"]:
+        raise InvalidInput(f"{path}: frame_rate: expected a number above 0 for the column frame, got none")
     if not values["header"] and not all(type(column) is int and column > 0 for column in columns.values()):
         raise InvalidInput(
-            f"{path}: columns: without a header expected numbers of columns, 1 for the first, got {shown(columns)}"
+            f"{where} without a header expected numbers of columns, 1 for the first, got {shown(columns)}"
         )
-    if values["projection"] and "x" not in columns:
+    if values["projection"] and box:
         raise InvalidInput(f"{path}: projection: expected columns x and y, got those of a box")
-    if not isinstance(values["projection"], str):
-        raise InvalidInput(f"{path}: projection: expected a name such as EPSG:32632, got {shown(values['projection'])}")
-    if not isinstance(values["beside"], dict) or not all(map(_is_in_a_name, sum(values["beside"].items(), ()))):
-        raise InvalidInput(
-            f"{path}: beside: expected parts of files' names such as {{cars: people}}, got {shown(values['beside'])}"
-        )
-    if not isinstance(values["clip"], str if values["header"] else (int, str)):
-        raise InvalidInput(f"{path}: clip: expected the name of a column, got {shown(values['clip'])}")
-    delimiter = values["delimiter"]
-    if not isinstance(delimiter, str) or len(delimiter.encode()) != 1:
-        raise InvalidInput(f"{path}: delimiter: expected one character such as ';', got {shown(delimiter)}")
-    if {"speed", "vx"} <= set(columns):
-        raise InvalidInput(f"{path}: columns: expected either speed or vx and vy")
-    pairs = [("vx", "vy"), ("length", "width")]
-    for one, other in pairs:
-        if (one in columns) != (other in columns):
-            raise InvalidInput(f"{path}: columns: expected both {one} and {other}, or none of them")
-    if ("frame" in columns) == ("time" in columns):
-        raise InvalidInput(f"{path}: columns: expected either frame or time")
-    if values["source"] != "":
-        require_source(values["source"], f"{path}: source:")
-    for key in ("frame_rate", "time_unit", "metres", "length", "width", "fastest"):
-        value = values[key]
-        if key == "metres" and isinstance(value, dict) and value:
-            numbers = [each for each in value.values() if type(each) in (int, float) and each > 0.0]
-            value = (
-                min(numbers) if len(numbers) == len(value) and all(isinstance(each, str) for each in value) else value
-            )
-        least = 0.0 if key == "frame_rate" and "time" in columns else 1e-9
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= least:
-            raise InvalidInput(f"{path}: {key}: expected a number above 0, got {shown(value)}")
-    for key in ("vehicles", "pedestrians"):
-        if not role and (not isinstance(values[key], list) or not values[key] or "class" not in columns):
-            raise InvalidInput(
-                f"{path}: {key}: expected a list of values of the column `class`, got {shown(values[key])}"
-            )
+    numbers: dict[str, Any] = {name: float(values[name]) for name in ("frame_rate", "time_unit", "smooth")}
+    numbers |= {name: UNITS[name][unit] for name, unit in values["units"].items()}
     return Layout(
-        columns={str(name): str(column) for name, column in columns.items() if name != "lost"},
-        vehicles=frozenset(map(str, ["vehicle"] * (role == "vehicle") or values["vehicles"])),
-        pedestrians=frozenset(map(str, ["pedestrian"] * (role == "pedestrian") or values["pedestrians"])),
-        frame_rate=float(values["frame_rate"]),
-        time_unit=float(values["time_unit"]),
-        degrees=bool(values["degrees"]),
-        compass=bool(values["compass"]),
-        y_down=bool(values["y_down"]),
+        columns={str(name): str(column) for name, column in columns.items() if name not in _OF_ROWS},
+        vehicles=vehicles,
+        pedestrians=pedestrians,
+        **numbers,
+        heading=values["heading"],
+        y_down=values["y_down"],
     )
-
-
-def _has_places(columns: set[str]) -> bool:
-    centre = {"x", "y"} <= columns and not set(BOX) & columns
-    return "id" in columns and (centre or (set(BOX) <= columns and not {"x", "y"} & columns))

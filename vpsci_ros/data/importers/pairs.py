@@ -11,10 +11,12 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.importers.agreement import require_fixed_frame, require_motion
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
 from vpsci_ros.data.importers.tracks import FAST, Clip, Floats, Track, median_speed, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import completed, curvttc_of, trailing_slope
+from vpsci_ros.documents import counted
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
@@ -47,6 +49,7 @@ def near_misses_of(
     left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
     names: set[str] = set()
+    everybody: list[Track] = []
     size = length, width
     for recorded in clips:
         own = recorded.source or source, recorded.size or size
@@ -57,6 +60,10 @@ def near_misses_of(
             )
         source, size = own
         _require_metres(source, recorded)
+        require_motion(f"{source}, clip {recorded.name}", recorded)
+        if not recorded.fixed:
+            everybody += recorded.pedestrians
+            require_fixed_frame(f"{source}, clip {recorded.name}", recorded.pedestrians)
         clip = recorded.with_headings().without_faster(fastest)
         if clip.name in names:
             raise InvalidInput(
@@ -76,12 +83,13 @@ def near_misses_of(
             elif near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
                 parts.append(near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name)))
+    require_fixed_frame(source, everybody)
     events = any(what.startswith("events") for what in left_out)  # whole pairs, each for a reason of its own
     if names and not (vehicles and pedestrians) and not events:
-        others = ", ".join(f"{count:,} {what}" for what, count in (+left_out).items()) or "nothing"
+        others = "; ".join(f"{what}: {count:,}" for what, count in (+left_out).items()) or "nothing"
         what = "vehicle" if not vehicles else "pedestrian"
         raise InvalidInput(
-            f"{source}: no {what} in {len(names)} clips; left out were {others}; name the classes as there"
+            f"{source}: no {what} in {counted(len(names), 'clip')}; left out: {others}; name the classes as there"
         )
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
     table = completed(pl.concat(parts)).select(list(NEAR_MISS_COLUMNS)) if parts else empty
@@ -126,8 +134,11 @@ def _require_metres(source: str, clip: Clip) -> None:
 def _together(clip: Clip) -> Iterable[tuple[Track, Track]]:
     """Yield each vehicle, with its yaw rates, and each pedestrian that is there at some of its steps."""
     begins, ends = (np.array([getattr(each, end) for each in clip.pedestrians], int) for end in ("first", "last"))
+    order = np.argsort(begins, kind="stable")
+    begun, longest = begins[order], int((ends - begins).max(initial=0))
     for vehicle in clip.vehicles:
-        together = np.flatnonzero((begins <= vehicle.last) & (ends >= vehicle.first))  # of thousands, a few
+        near = order[np.searchsorted(begun, vehicle.first - longest) : np.searchsorted(begun, vehicle.last, "right")]
+        together = np.sort(near[ends[near] >= vehicle.first])
         if len(together):
             heading = vehicle.values["heading"]
             rates = {"yaw_rate": slope(heading), "yaw_rate_causal": trailing_slope(heading)}

@@ -3,7 +3,7 @@
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,44 +23,56 @@ BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "cqut-pvi": CQUT_PVI, "des
 IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
-def import_trajectories(folder: str | Path, format_name: str, fastest: float = math.inf) -> ImportResult:
+def import_trajectories(
+    folder: str | Path, format_name: str, fastest: float = math.inf, frame_rate: float = 0.0
+) -> ImportResult:
     """Return the near misses of every clip of a folder, read as published.
 
     :param format_name: of `IMPORTERS`; the table's `source`, unless the folder itself names it.
     :param fastest: median speed of a pedestrian above which it is left out [m/s].
-    :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should.
+    :param frame_rate: of files that count frames [1/s]; 0: the format's.
+    :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should, or a
+        frame rate for a format whose files have times.
     """
     importer = IMPORTERS.find(format_name)
-    return near_misses_of(
-        format_name, importer.read(Path(folder)), length=importer.length, width=importer.width, fastest=fastest
-    )
+    clips = _clips(importer, Path(folder), format_name, frame_rate)
+    return near_misses_of(format_name, clips, length=importer.length, width=importer.width, fastest=fastest)
+
+
+def _clips(importer: Importer, folder: Path, form: str, frame_rate: float) -> Iterable[Clip]:
+    if frame_rate and not importer.frame_rate:
+        raise InvalidInput(f"--frame-rate: files of format {form} say their own frame rate or times; leave it out")
+    return importer.read(folder, frame_rate=frame_rate) if frame_rate else importer.read(folder)
 
 
 def imported_clips(
-    folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf
+    folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf, frame_rate: float = 0.0
 ) -> list[tuple[list[Clip], ImportResult]]:
     """Return the clips of each folder and their near misses.
 
-    :param formats: one for each folder, or one for all; fastest: see `import_trajectories`.
+    :param formats: one for each folder, or one for all; fastest, frame_rate: see `import_trajectories`.
     :raises InvalidInput: formats that do not match the folders, or see `import_trajectories`.
     """
     found = []
     for folder, form in _with_formats(folders, formats):
         importer = IMPORTERS.find(form)
-        clips = list(importer.read(folder))
+        clips = list(_clips(importer, folder, form, frame_rate))
         result = near_misses_of(form, clips, length=importer.length, width=importer.width, fastest=fastest)
         found.append((clips, result))
     return found
 
 
-def import_folders(folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf) -> ImportResult:
+def import_folders(
+    folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf, frame_rate: float = 0.0
+) -> ImportResult:
     """Import several folders into one table, with consecutive interaction numbers.
 
-    :param formats: one for each folder, or one for all.
-    :param fastest: median speed of a pedestrian above which it is left out [m/s].
+    :param formats: one for each folder, or one for all; fastest, frame_rate: see `import_trajectories`.
     :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
     """
-    results = [import_trajectories(folder, form, fastest) for folder, form in _with_formats(folders, formats)]
+    results = [
+        import_trajectories(folder, form, fastest, frame_rate) for folder, form in _with_formats(folders, formats)
+    ]
     results = with_unique_clip_names([Path(folder) for folder in folders], results)
     table = concat_near_misses([result.table for result in results])
     by_source: dict[str, list[SourceSummary]] = {}

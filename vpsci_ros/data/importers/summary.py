@@ -9,6 +9,7 @@ import polars as pl
 from rich.console import Console
 
 from vpsci_ros.data.importers.tracks import FAST
+from vpsci_ros.documents import counted
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.text_table import text_table
@@ -103,7 +104,7 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
     for row in result.summaries:
         console.print(f"{row.source}: {row.speeds}")
         for text, count in row.left_out.items():
-            console.print(f"{row.source}: left out {count:,} {text}")
+            console.print(f"{row.source}: left out: {text}: {count:,}")
         for text in row.assumed:
             console.print(f"{row.source}: {text}")
 
@@ -117,10 +118,10 @@ def require_near_misses(result: ImportResult) -> None:
         return
     found = []
     for one in result.summaries:
-        left_out = ", ".join(f"{count:,} {what}" for what, count in one.left_out.items()) or "nothing"
+        left_out = "; ".join(f"{what}: {count:,}" for what, count in one.left_out.items()) or "nothing"
         found.append(
-            f"{one.source}: {one.clips:,} clips, {one.vehicles:,} tracks of vehicles, {one.pedestrians:,} of "
-            f"pedestrians, {one.pairs:,} pairs that are there at the same time, none below "
+            f"{one.source}: {counted(one.clips, 'clip')}, {counted(one.vehicles, 'track')} of vehicles, "
+            f"{one.pedestrians:,} of pedestrians, {counted(one.pairs, 'pair')} at the same time, none below "
             f"{CRITICAL_TTC:g} s of CurvTTC; left out: {left_out}"
         )
     cause = (

@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.reference import slopes
-from vpsci_ros.documents import reason, require_regular, shown
+from vpsci_ros.documents import foreign, listed, reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
@@ -66,7 +66,8 @@ class Clip:
     counter-clockwise from x. The heading of a vehicle is NaN where it is unknown. `left_out` counts what was left out,
     by a text that says what it is, such as `BACKWARDS`. `assumed` has a text for each fact that the recording does not
     hold. `source` is the name that the recordings give their source, and `size` length and width [m] of vehicles whose
-    tracks have no size; all clips of a folder have the same. "" and None: those of the format.
+    tracks have no size; all clips of a folder have the same. "" and None: those of the format. `fixed` says that
+    positions are in a frame fixed to the ground, even if most pedestrians move alike.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Clip:
     assumed: tuple[str, ...] = ()
     source: str = ""
     size: tuple[float, float] | None = None
+    fixed: bool = False
 
     def with_size(self, length: float, width: float) -> "Clip":
         """Return the clip with this size [m] for vehicles whose tracks have none."""
@@ -116,11 +118,13 @@ class Importer:
     :ivar read: folder of recordings -> its clips, in an order of its own that is always the same; raises
         `InvalidInput` where the folder or a file does not hold what it should.
     :ivar length, width: of a vehicle [m] whose track and clip do not say.
+    :ivar frame_rate: of recordings as published [1/s]; `read` takes another as `frame_rate`. 0: the files say it.
     """
 
-    read: Callable[[Path], Iterable[Clip]]
+    read: Callable[..., Iterable[Clip]]
     length: float
     width: float
+    frame_rate: float = 0.0
 
 
 def require_source(name: object, where: str) -> None:
@@ -145,26 +149,51 @@ def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.Dat
     allowed. Table programs add the ".0" to whole numbers.
 
     :param header: the first line has the names of columns; without it they are called 1, 2, and so on.
-    :raises InvalidInput: it cannot be read, has no row, or two columns have one name.
+    :raises InvalidInput: it cannot be read, is a file of another kind, has no row, or two columns have one name.
     """
     require_regular(path)
     try:
         data = path.read_bytes()
         if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             data = data.decode("utf-16").encode()
+        if what := foreign(data):
+            raise InvalidInput(f"{path}: expected CSV, got {what}")
         require_short_line(data, path)
         first = data.partition(b"\n")[0].decode("utf-8-sig")
         delimiter = next((each for each in (delimiter, ";", "\t") if each in first), delimiter)
+        _refuse_comments(data, delimiter, path)
         table = pl.read_csv(data, infer_schema=False, separator=delimiter, has_header=header)
         table.columns = [name.strip() if header else str(i + 1) for i, name in enumerate(table.columns)]
     except (pl.exceptions.PolarsError, OSError, UnicodeError) as error:
-        raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from error
+        words = _longer_line(data, delimiter) if isinstance(error, pl.exceptions.PolarsError) else ""
+        raise InvalidInput(
+            f"{path}: not readable as CSV: {words or reason(error)}; take the file as published"
+        ) from error
     if table.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
     text = pl.all().str.strip_chars()
     if delimiter != ",":
         text = text.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
     return table.with_columns(text.str.replace(WHOLE, "${1}"))
+
+
+def _refuse_comments(data: bytes, delimiter: str, path: Path) -> None:
+    """Refuse a file that begins with comments: lines after # or % that have other columns than the rest."""
+    lines = data[: 2 * LONGEST_LINE].removeprefix(codecs.BOM_UTF8).split(b"\n")[:-1]
+    count = next((n for n, line in enumerate(lines) if not line.startswith((b"#", b"%", b"//"))), 0)
+    mark = delimiter.encode()
+    if count and (count > 1 or lines[0].count(mark) != lines[1].count(mark)):
+        raise InvalidInput(
+            f"{path}: begins with comments ({shown(lines[0].decode(errors='replace').strip())}); expected the names of "
+            f"columns in line 1: remove the first {count} lines"
+        )
+
+
+def _longer_line(data: bytes, delimiter: str) -> str:
+    """Return which line has more values than the first one; "" if none has, or if quotes hide delimiters."""
+    counts = [line.count(delimiter.encode()) + 1 for line in data.split(b"\n")]
+    long = next((number for number, count in enumerate(counts) if count > counts[0]), 0)
+    return f"line {long + 1} has {counts[long]} values, line 1 has {counts[0]}" if long and b'"' not in data else ""
 
 
 def require_short_line(data: bytes, path: Path) -> None:
@@ -179,12 +208,11 @@ def require_short_line(data: bytes, path: Path) -> None:
 
 def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:
     """Refuse a table in which one of these columns is missing."""
-    names = list(names)
     missing = [name for name in names if name not in table.columns]
     if missing:
         raise InvalidInput(
-            f"{path}: expected columns {', '.join(names)}; {', '.join(missing)} is missing, the file has "
-            f"{', '.join(name for name in table.columns if name != LINE)}; take the file as published"
+            f"{path}: column {', '.join(missing)} is missing; it has "
+            f"{listed((name for name in table.columns if name != LINE), 20)}"
         )
 
 

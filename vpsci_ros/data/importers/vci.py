@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from vpsci_ros.data.importers.layout import Layout, clip_of
+from vpsci_ros.data.importers.layout import clip_of
+from vpsci_ros.data.importers.layout_file import Layout
 from vpsci_ros.data.importers.tracks import Clip, Importer, read_csv
 from vpsci_ros.errors import InvalidInput
 
@@ -22,20 +23,19 @@ _VEHICLE = _TRACK | {"heading": "psi_est", "speed": "vel_est"}
 _PEDESTRIAN = _TRACK | {"vx": "vx_est", "vy": "vy_est"}
 _KIND = frozenset({"label"})  # every track of a file is of one kind
 
-FRAME_RATES = {"vci-dut": 23.976, "vci-citr": 29.97}  # [1/s]
 
-
-def read_folder(folder: Path, form: str) -> Iterator[Clip]:
+def read_folder(folder: Path, frame_rate: float) -> Iterator[Clip]:
     """Yield every clip of a folder as published, sorted by name.
 
-    :param form: a key of `FRAME_RATES`.
     :raises InvalidInput: see `find_clips` and `read_clip`.
     """
-    return (read_clip(*files, FRAME_RATES[form]) for files in find_clips(folder))
+    return (read_clip(*files, frame_rate) for files in find_clips(folder))
 
 
-VCI_DUT = Importer(partial(read_folder, form="vci-dut"), length=4.5, width=1.8)
-VCI_CITR = Importer(partial(read_folder, form="vci-citr"), length=2.4, width=1.2)
+VCI_DUT, VCI_CITR = (
+    Importer(partial(read_folder, frame_rate=rate), length=length, width=width, frame_rate=rate)
+    for rate, length, width in ((23.976, 4.5, 1.8), (29.97, 2.4, 1.2))
+)
 
 
 def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
@@ -63,7 +63,7 @@ def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
 
 def read_clip(name: str, pedestrian_file: Path, vehicle_file: Path, frame_rate: float) -> Clip:
     """Read one clip; see `layout.clip_of`."""
-    vehicle = Layout(_VEHICLE, _KIND, frozenset(), frame_rate)
+    vehicle = Layout(_VEHICLE, _KIND, frozenset(), frame_rate, speeds_agree=False)
     pedestrian = Layout(_PEDESTRIAN, frozenset(), _KIND, frame_rate)
     layouts = {pedestrian_file: pedestrian, vehicle_file: vehicle}
     return clip_of(name, {file: (read_csv(file), layout) for file, layout in layouts.items()})

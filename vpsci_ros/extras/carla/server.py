@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from vpsci_ros.cosim import Vehicle, Walker
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError, packages_of
 from vpsci_ros.extras.carla.actors import vehicle_control, vehicle_of, vehicle_transform, walker_control, walker_of
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE
 
@@ -61,7 +61,7 @@ class LiveServer:
             import carla
         except ModuleNotFoundError:
             raise VpsciError(
-                "engine = carla needs CARLA's client in the server's version: pip install 'vpsci_ros[carla]'"
+                f"engine = carla needs CARLA's client in the server's version: pip install {packages_of('carla')}"
             ) from None
         self._carla, self._actors = carla, list[Any]()
         host, _, loaded = address.partition("/")

@@ -2,6 +2,6 @@
 
 `movers` holds what all formats write of an episode. `openscenario` (with the maps of `opendrive`), `commonroad`, `osi`,
 `lanelet2`, `scenarionet`, `minari`, `mp4` and `carla_csv` write one format each. `run` has the list of formats, to
-which other Python packages add theirs. `hc` and `track_tables` are importers. The libraries are optional (extras
+which other Python packages add theirs. `track_tables` has importers. The libraries are optional (extras
 `formats` and `commonroad`): a missing one is named with the command that installs it.
 """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import given_names
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, packages_of
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.plugins import PluginGroup
@@ -54,9 +54,8 @@ class Exporter:
         except ModuleNotFoundError as error:
             if (error.name or "").startswith("vpsci_ros"):
                 raise
-            raise InvalidInput(
-                f"this format needs {error.name}, which is not installed: pip install 'vpsci_ros[{self.extra}]'"
-            ) from None
+            hint = f": pip install {packages_of(self.extra)}" if self.extra else ""
+            raise InvalidInput(f"this format needs {error.name}, which is not installed{hint}") from None
         write: Callable[[Iterable[Episode], Path, Options], int] = module.write
         return write
 

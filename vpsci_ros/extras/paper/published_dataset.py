@@ -17,7 +17,8 @@ import polars as pl
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.importers.layout import Layout, check_rate, clip_of
+from vpsci_ros.data.importers.layout import clip_of
+from vpsci_ros.data.importers.layout_file import BOX, SPEEDS, Layout
 from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_csv, require_columns
 from vpsci_ros.documents import read_yaml, shown
 from vpsci_ros.errors import InvalidInput
@@ -92,25 +93,10 @@ def _recording(path: Path, rate: float, metres: float) -> Clip:
         {name: re.sub(r"[^a-z]", "", name.lower().partition("(")[0]) or name for name in table.columns}
     )
     require_columns(table, ["framenum", "id", "type", *_BOX, "speed"], path)
-    number = {
-        name: pl.col(name).str.strip_chars().cast(pl.Float64, strict=False) for name in (*_BOX, "speed", "framenum")
-    }
-    boxes = table.with_columns(
-        x=0.5 * (number["xmin"] + number["xmax"]),
-        y=0.5 * (number["ymin"] + number["ymax"]),
-        type=pl.col("type").str.strip_chars().str.to_lowercase(),
-    )
-    layout = Layout(
-        {"id": "id", "frame": "framenum", "class": "type", "x": "x", "y": "y"},
-        _VEHICLES,
-        _WALKERS,
-        frame_rate=rate,
-        metres=metres,
-        y_down=True,
-    )
-    metric = {"frame": number["framenum"], "x": pl.col("x") * metres, "y": pl.col("y") * metres}
-    check_rate(boxes.select("id", **metric, vx=number["speed"] / 3.6, vy=pl.lit(0.0)).sort("id", "frame"), rate, path)
-    return clip_of(path.stem, {path: (boxes, layout)})
+    table = table.with_columns(type=pl.col("type").str.strip_chars().str.to_lowercase())
+    columns = {"id": "id", "frame": "framenum", "class": "type", "speed": "speed"} | dict(zip(BOX, _BOX, strict=True))
+    layout = Layout(columns, _VEHICLES, _WALKERS, frame_rate=rate, metres=metres, speed=SPEEDS["km/h"], y_down=True)
+    return clip_of(path.stem, {path: (table, layout)})
 
 
 VPSCI = Importer(vpsci, length=VEHICLE_LENGTH, width=VEHICLE_WIDTH)
