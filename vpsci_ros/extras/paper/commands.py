@@ -304,18 +304,13 @@ def score(
     answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
 ) -> None:
-    """Write recognition rates, Table 11 and Figure 10 beside the paper's values; print the questions left open."""
+    """Write Table 11 and Figure 10 beside the paper's values."""
     from vpsci_ros.extras.paper.turing.answers import read_answers
     from vpsci_ros.extras.paper.turing.page import PAGE, write_result
 
     result = write_result(read_answers(key, answers), output)
-    accuracy = result["recognised"]["generated"]["accuracy"]
-    bounds = "" if accuracy["low"] is None else f" [{accuracy['low']:.1%}, {accuracy['high']:.1%}]"
-    excluded = result["as_the_paper"]["excluded"]
-    print(f"{result['raters']} raters, {result['clips']} clips; recorded and generated ones distinguished in "
-          f"{accuracy['value']:.1%}{bounds}")  # fmt: skip
-    for name, why in excluded.items():
-        print(f"excluded from the paper's own analysis: {name}, {why}")
-    for text in result["not_concluded"]:
-        print(f"open: {text}")
+    rated = ", ".join(f"{source} {share:.0%}" for source, share in result["rated_real"].items())
+    print(f"{result['raters']} raters, {result['clips']} clips; rated as real: {rated}")
+    for name, why in result["excluded"].items():
+        print(f"excluded from Table 11: {name}, {why}")
     print(f"written: {output / PAGE}; turing.json and figure_10.png beside it")

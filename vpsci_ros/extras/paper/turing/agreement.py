@@ -1,4 +1,4 @@
-"""Agreement of raters, ICC(2,k), and how well each separates recorded from simulated clips, d'.
+"""Agreement of raters: ICC(2,k).
 
 pingouin has ICC(2,k), and needs pandas, seaborn, statsmodels and scikit-learn for it; these few lines are checked
 with the example of the paper that they come from.
@@ -7,12 +7,11 @@ with the example of the paper that they come from.
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.stats import norm
 
-from vpsci_ros.extras.paper.turing.crossed import LEVEL, Floats, Mean, mean_squares, over_raters
+LEVEL = 0.95
 
 
-def icc_2k(ratings: Floats) -> tuple[float, float, float]:
+def icc_2k(ratings: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return ICC(2,k) and its 95% interval: agreement of the mean of k raters, two-way random, absolute.
 
     See Shrout and Fleiss, "Intraclass correlations: uses in assessing rater reliability" (Psychological Bulletin 86,
@@ -22,7 +21,7 @@ def icc_2k(ratings: Floats) -> tuple[float, float, float]:
     :returns: NaN where nobody's judgements differ; bounds of NaN where raters differ by constants alone.
     """
     raters, clips = ratings.shape
-    of_raters, of_clips, residual = mean_squares(ratings)
+    of_raters, of_clips, residual = _mean_squares(ratings)
     below = of_clips + (of_raters - residual) / clips
     if not below > 0.0 or of_clips == 0.0:
         return float("nan"), float("nan"), float("nan")
@@ -43,12 +42,11 @@ def icc_2k(ratings: Floats) -> tuple[float, float, float]:
     return float((of_clips - residual) / below), low, high
 
 
-def mean_d_prime(real: NDArray[np.bool_], made: NDArray[np.bool_]) -> Mean:
-    """Return the raters' mean d' and its interval for other raters; bool[R, K]: real and made clips judged "real".
-
-    d' of a rater is z(hit rate) - z(false alarm rate), a half added to each count. See Hautus, "Corrections for extreme
-    proportions and their biasing effects on estimated values of d'" (Behavior Research Methods, Instruments and
-    Computers 27, 1995).
-    """
-    hits, false_alarms = ((judged.sum(axis=1) + 0.5) / (judged.shape[1] + 1.0) for judged in (real, made))
-    return over_raters((norm.ppf(hits) - norm.ppf(false_alarms))[:, None])
+def _mean_squares(table: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return the mean squares of raters, clips and residual of float64[R, n], R and n at least 2."""
+    raters, clips = table.shape
+    mean, by_row, by_column = table.mean(), table.mean(axis=1), table.mean(axis=0)
+    residual = table - by_row[:, None] - by_column[None, :] + mean
+    rows = clips * float(((by_row - mean) ** 2).sum()) / (raters - 1)
+    columns = raters * float(((by_column - mean) ** 2).sum()) / (clips - 1)
+    return rows, columns, float((residual**2).sum()) / ((raters - 1) * (clips - 1))

@@ -1,4 +1,4 @@
-"""The result of a Turing test as a page: Table 11 and Figure 10 beside the paper's values, and open questions."""
+"""The result of a Turing test as a page: Table 11 and Figure 10 beside the paper's values."""
 
 from pathlib import Path
 from typing import Any
