@@ -15,7 +15,7 @@ from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.nodes import convert
+from vpsci_ros.nodes import convert, recorder
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
@@ -26,14 +26,14 @@ NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 
 def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_verifies(
-    domain: int, tmp_path: Path
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(recorder, "SPLIT_SIZE", 20_000)
     drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "social_force"}
     world = {"scenarios": [2, 7], "episodes": 3, "batch": 2, "seed": 11} | drivers
     sections = {
         "graph": {"nodes": NODES},
         "world_simulator": world,
-        "recorder": {"split_size": 20_000},
     }
     with composed(resolve(Sections(sections), tmp_path)):
         pass

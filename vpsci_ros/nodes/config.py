@@ -50,12 +50,9 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """The folder of the recorder's bag, and the size of its files."""
+    """The folder of the recorder's bag."""
 
     bag: str = parameter("out/bag", "folder of the bag, new or empty")
-    split_size: int = parameter(
-        2**30, "begin a new file at this size; 0: one file of any size", unit="B", low=0, high=10**12
-    )
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ class _Entry(NamedTuple):
     events: NDArray[np.void] = NO_EVENTS  # EVENT[n]
 
 
+SPLIT_SIZE = 2**30  # [bytes] of a file of the bag; the next one begins then
 _FOREIGN = _Entry(0, b"")  # in place of a message of another graph
 
 
@@ -64,7 +65,7 @@ class Recorder(GraphNode):
         topics = [
             BagTopic(row.name, row.type_name, *describe(row.type_name), latched=row.qos is LATCHED) for row in wanted
         ]
-        self._bag = BagWriter(config.bag, topics, split_size=config.split_size)
+        self._bag = BagWriter(config.bag, topics, split_size=SPLIT_SIZE)
         self._bag.describe(SOFTWARE, software_record())
         self._episodes = EpisodeLog()
         self._ended: list[BagEpisode] = []

@@ -47,7 +47,7 @@ class WorldSimulator(GraphNode):
     def __init__(self, *, server: Any = None, **given: Any) -> None:
         super().__init__("world_simulator", **given)
         self._run, self._config, config = self.config(RunConfig), self.config(WorldConfig), self.config(SimulatorConfig)
-        _require_together(self._run, self._config, config)
+        _require_together(self._run, self._config, config, learns="learner" in self.peers)
         scenarios = load_scenarios(self._run.scenarios, self._run.scenario_files)
         compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
@@ -62,13 +62,13 @@ class WorldSimulator(GraphNode):
         if self._config.vehicle_driver == "external":
             external = ExternalDriver(config.external_mode == "real_time", self._config.tick, self.counts)
         self._lock_step = LockStep(config, self._config, self.counts, external)
-        self._builder = TransitionBuilder() if config.publish_transitions else None
+        self._builder = TransitionBuilder() if "learner" in self.peers else None
         self._consumed = 0  # transitions, by the learner
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
         self._repeated_at = 0.0  # [s] of the first tick once more
         self._awaited: set[str] = set()
         self._reported_tick = 0
-        self._outputs = WorldOutputs(self, self._config, config.publish_transitions, self._run.batch, self._scenarios)
+        self._outputs = WorldOutputs(self, self._config, self._builder is not None, self._run.batch, self._scenarios)
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
             self.input("/replay/consumed", None, self._on_consumed)
@@ -260,18 +260,15 @@ class WorldSimulator(GraphNode):
         self.get_logger().info(f"ended: {totals}")
 
 
-def _require_together(run: RunConfig, world: WorldConfig, config: SimulatorConfig) -> None:
+def _require_together(run: RunConfig, world: WorldConfig, config: SimulatorConfig, *, learns: bool) -> None:
     """Refuse parameters that do not go together.
 
     :raises InvalidInput: interventions with an external engine, an external vehicle driver with a batch above 1, or
-        transitions of several pedestrians.
+        a learner with several pedestrians.
     """
     if config.engine != "vpsci" and config.interventions:
         raise InvalidInput(f"engine = {config.engine}: interventions change the car by our kinematics; leave them out")
     if world.vehicle_driver == "external" and run.batch > 1:
         raise InvalidInput(f"an external vehicle driver drives one episode at a time; got batch = {run.batch}")
-    if config.publish_transitions and world.pedestrians > 1:
-        raise InvalidInput(
-            "publish_transitions: the learner learns from one pedestrian an episode; got pedestrians = "
-            f"{world.pedestrians}"
-        )
+    if learns and world.pedestrians > 1:
+        raise InvalidInput(f"the learner learns from one pedestrian an episode; got pedestrians = {world.pedestrians}")

@@ -142,6 +142,3 @@ class SimulatorConfig:
     recorded_bag: str = parameter(
         "", "bag whose motion the driver replay follows; it needs the run's scenarios and episode numbers"
     )
-    publish_transitions: bool = parameter(
-        False, "publish the steps of each episode from its first hand-over on, on /replay, for a learner"
-    )
