@@ -5,7 +5,8 @@
 
 highway-env's y points down, so y and heading change their sign. It simulates 15 times a second, which is neither our
 tick nor a multiple of it. It has no pedestrians: ours is an obstacle of 0.6 m, for which its driver model (IDM) brakes
-while it stands in the lane, and then rolls back a little.
+while it stands in the lane. The IDM knows no standstill, and would drive backwards before an obstacle nearer than its
+gap; `Car` stops.
 """
 
 import sys
@@ -22,6 +23,15 @@ from vpsci_ros.safety import clearance
 PERIOD, SECONDS, SPEED = 1 / 15, 25.0, 5.0  # [s], [s], [m/s]
 
 
+class Car(IDMVehicle):
+    """highway-env's driver, whose car brakes to a standstill and no further."""
+
+    def step(self, dt):
+        """Advance by dt [s] with a braking that ends at 0 m/s."""
+        self.action["acceleration"] = max(self.action["acceleration"], -self.speed / dt)
+        super().step(dt)
+
+
 class Person(Obstacle):
     """A pedestrian as highway-env has obstacles, which the cars on its lane follow."""
 
@@ -36,7 +46,7 @@ def play(episode):
     network = RoadNetwork()
     network.add_lane("a", "b", StraightLane([-100.0, 0.0], [200.0, 0.0], width=3.5, speed_limit=SPEED))
     road = Road(network, np_random=np.random.default_rng(episode))
-    driver = IDMVehicle(road, [-22.0, 0.0], heading=0.0, speed=SPEED, target_speed=SPEED)
+    driver = Car(road, [-22.0, 0.0], heading=0.0, speed=SPEED, target_speed=SPEED)
     person = Person(road, [0.0, 5.0])
     road.vehicles, road.objects = [driver], [person]
     pedestrian = Pedestrian(seed=1, episode=episode, route=[(0.0, -8.0), (0.0, 8.0)])
@@ -56,7 +66,7 @@ def play(episode):
 if __name__ == "__main__":
     for episode in range(int(sys.argv[1]) if sys.argv[1:] else 3):
         rows = play(episode)
-        near = clearance(*rows.T[:3], *rows.T[4:6], length=IDMVehicle.LENGTH, width=IDMVehicle.WIDTH).min()
+        near = clearance(*rows.T[:3], *rows.T[4:6], length=Car.LENGTH, width=Car.WIDTH).min()
         slow, over = rows[:, 3].min(), rows[:, 5] > 3.0
         across = f"across after {over.argmax() * PERIOD:.1f} s" if over.any() else "not across"
         print(f"episode {episode}: nearest {near:.1f} m, the car at {slow:.1f} m/s at least, {across}")

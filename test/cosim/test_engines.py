@@ -40,9 +40,9 @@ def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_c
 ) -> None:
     pytest.importorskip("highway_env", reason="pip install 'vpsci_ros[highway]'")
     highway = tool("highway_crossing", "examples")
-    passed, stopped = (highway.play(episode) for episode in (11, 1))
+    passed, stopped = (highway.play(episode) for episode in (11, 6))
     assert passed[:, 3].min() > 4.9, "nobody stands in its lane when it passes"
-    assert stopped[:, 3].min() < 0.5, "IDM stops"
+    assert 0.0 <= stopped[:, 3].min() < 0.5, "IDM stops, and does not drive backwards"
     for rows in (passed, stopped):
         assert clearance(*rows.T[:3], *rows.T[4:6], length=5.0, width=2.0).min() > 0.5
         assert rows[-1, 5] > 2.5, "across"
