@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode
@@ -137,6 +139,44 @@ def test_without_slowing_for_a_slow_pedestrian_nothing_counts() -> None:
     slow = next(cell.number for cell in cells() if cell.test == "slow")
     assert rated(speeds | {slow: 20.0})["points"] == 0.0
     assert rated(speeds | {slow: 12.0})["points"] == 4.0
+
+
+def test_a_test_names_the_values_that_stand_in_drawings_alone() -> None:
+    found = rated(dict.fromkeys((cell.number for cell in cells()), 0.0))["tests"]
+    assert found["CPNCO"]["drawn"] == [
+        "colours of the speeds at the impact",
+        "impact locations of the standard range",
+        "target stands 4 m from the impact and speeds up over 1 m",
+        "gaps of 1 m at the parked vehicles",
+    ]
+    assert "target's path 9.5 m from the middle of the vehicle's road" in found["CPTAfo & CPTAno"]["drawn"]
+
+
+def test_an_incomplete_run_has_no_points_anywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen = [cell for cell in cells() if cell.name in ("CPNA-75_10kmh", "CPTAns-50_10kmh")]
+    monkeypatch.setattr(euro_ncap, "cells", lambda: chosen)
+    (tmp_path / "half.py").write_text(
+        "class Half:\n"
+        "  def reset(self, begin):\n"
+        "    assert not begin.scenario.name.startswith('CPTA')\n"
+        "  def act(self, observation): return -8.0\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    sections = load(params_dir() / "ads_test.yaml").changed("ads_test", {"baseline": False})
+    with class_in_process():
+        reasons = run_protocol(
+            prepare(sections, ads_class="half:Half"), tmp_path / "out", None, 1.0, workers=1, quiet=True
+        )
+    none = "no points, since 1 cell was not driven: CPTAns-50_10kmh"
+    assert reasons[1:] == [none]
+    said = capsys.readouterr().out
+    assert f"the ADS: {none}\nFAILED" in said
+    assert " of 1.5 points" not in said
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["drivers"]["ads"]["points"] is None
+    assert none in " ".join((tmp_path / "out" / "report.html").read_text().split())
 
 
 def test_who_passes_the_protocol_and_hits_one_pedestrian_of_several_is_named_with_that_one() -> None:

@@ -319,27 +319,50 @@ def colour_of(cell: Cell, speed: float) -> str:
 
 
 def rated(speeds: Mapping[int, float]) -> dict[str, Any]:
-    """Return a driving system's points in each test, as JSON values.
+    """Return a driving system's points in each test, as JSON values; None for all points while cells are not driven.
 
-    :param speeds: number of a cell's scenario -> impact speed [km/h]; a cell that is not in it was not driven, and red.
+    :param speeds: number of a cell's scenario -> impact speed [km/h]; a cell that is not in it was not driven.
     """
     rows: dict[str, list[dict[str, Any]]] = {}
-    unmet = []
+    unmet, missing = [], []
     for cell in cells():
         speed = speeds.get(cell.number)
-        colour = "red" if speed is None else colour_of(cell, speed)
-        if (cell.test, cell.speed, cell.location) in REQUIRED and (speed is None or speed > cell.speed - 0.1):
+        if speed is None:
+            missing.append(cell.name)
+        elif (cell.test, cell.speed, cell.location) in REQUIRED and speed > cell.speed - 0.1:
             unmet.append(cell.name)
         if cell.test != "slow":
             row = {"number": cell.number, "test": cell.test, "speed": cell.speed, "location": cell.location,
-                   "impact": speed, "colour": colour}  # fmt: skip
+                   "impact": speed, "colour": "" if speed is None else colour_of(cell, speed)}  # fmt: skip
             rows.setdefault(cell.spec.cluster or cell.test, []).append(row)
     tests = {}
     for name, listed in rows.items():
         spec = TESTS[listed[0]["test"]]
-        score = sum(COLOURS[row["colour"]] for row in listed) * spec.points / len(listed)
-        tests[name] = {"title": TITLES[name], "section": spec.section, "points": round(score, 2), "of": spec.points,
-                       "avoided": sum(row["colour"] == "green" for row in listed), "cells": listed}  # fmt: skip
-    points = 0.0 if unmet else sum(test["points"] for test in tests.values())
+        score = sum(COLOURS.get(row["colour"], 0.0) for row in listed) * spec.points / len(listed)
+        tests[name] = {"title": TITLES[name], "section": spec.section, "points": None if missing else round(score, 2),
+                       "of": spec.points, "drawn": drawn(name), "cells": listed,
+                       "avoided": sum(row["colour"] == "green" for row in listed)}  # fmt: skip
     of = sum(test["of"] for test in tests.values())
-    return {"points": round(points, 2), "of": of, "passed": not unmet and points == of, "unmet": unmet, "tests": tests}
+    points = None if missing else 0.0 if unmet else round(sum(test["points"] for test in tests.values()), 2)
+    return {"points": points, "of": of, "passed": not missing and not unmet and points == of, "unmet": unmet,
+            "missing": missing, "tests": tests}  # fmt: skip
+
+
+def drawn(name: str) -> list[str]:
+    """Return, in words, the values of a test, or of a cluster, that stand in the protocol's drawings alone.
+
+    All but the colours and locations are those of Vector's OSC-NCAP-scenarios, see above.
+    """
+    specs = {test: spec for test, spec in TESTS.items() if name in (test, spec.cluster)}
+    out = [] if any(spec.turn for spec in specs.values()) else ["colours of the speeds at the impact"]
+    out.append("impact locations of the standard range")
+    for test, spec in specs.items():
+        where = f" ({test})" if len(specs) > 1 else ""
+        out.append(
+            f"target stands {spec.distance:g} m from the impact and speeds up over {spec.acceleration:g} m{where}"
+        )
+    if any(spec.turn for spec in specs.values()):
+        out.append(f"target's path {CROSSING_LINE:g} m from the middle of the vehicle's road")
+    if any(spec.obstructed for spec in specs.values()):
+        out.append(f"gaps of {GAP:g} m at the parked vehicles")
+    return out

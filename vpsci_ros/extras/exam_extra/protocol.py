@@ -15,7 +15,7 @@ import polars as pl
 import yaml
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Cockpit
@@ -111,20 +111,30 @@ def run_protocol(
     report["beside"] = beside_people(report, people.get("drivers", {}))
     points = report["drivers"][ADS]["points"]
     failures = [report["failure"]] if report["failure"] else []
-    failures += [f"{points:.2f} points, fewer than {fail_below:g}"] if points < fail_below else []
+    if points is None:
+        failures.append(no_points(report["drivers"][ADS]))
+    elif points < fail_below:
+        failures.append(f"{points:.2f} points, fewer than {fail_below:g}")
     report["failures"] = failures
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
     page = folder / "report.html"
     title = f"Euro NCAP's tests: {exam.config.examined}"
     names = {ADS: "the ADS", BASELINE: "the rule-based autopilot"}
     titles = {row["pedestrian"]: title_of(row["pedestrian"]) for row in report["beside"]}
-    html.write_page(page, _TEMPLATE, title=title, protocol=report, names=names, titles=titles)
+    html.write_page(page, _TEMPLATE, title=title, protocol=report, names=names, titles=titles, no_points=no_points)
     for driver, rated in report["drivers"].items():
-        print(f"{names[driver]}: {rated['points']:.2f} of {rated['of']:.1f} points")
+        found = no_points(rated) if rated["points"] is None else f"{rated['points']:.2f} of {rated['of']:.1f} points"
+        print(f"{names[driver]}: {found}")
     for reason in failures:
         print(f"FAILED  {reason}")
     print(f"report: {page}")
     return failures
+
+
+def no_points(rated: Mapping[str, Any]) -> str:
+    """Return, in words, which cells a driver without points has not driven."""
+    count = len(rated["missing"])
+    return f"no points, since {count} cell{'s were' if count > 1 else ' was'} not driven: {listed(rated['missing'], 3)}"
 
 
 def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> dict[str, Any]:
@@ -176,7 +186,7 @@ def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> lis
     each = [(driver, name) for driver in protocol["drivers"] for name in scores.get(driver, {})]
     for driver, pedestrian in each:
         rated, rate = protocol["drivers"][driver], scores[driver][pedestrian]["moving_collision_rate"]
-        if rate["value"] is None:
+        if rate["value"] is None or rated["points"] is None:
             continue
         hits = rate["value"] > 0.0
         said = {
