@@ -1,17 +1,23 @@
 """The page of an exam: complete, self-contained, and safe whatever a command line or a failure says."""
 
 import re
+from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
 from exam.test_measures import CONFIG, drive
 
+from vpsci_ros.exam.comparison import Earlier, compare
+from vpsci_ros.exam.config import DRIVERS, ExamConfig
+from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
 from vpsci_ros.exam.report_page import must_see, write_page
 from vpsci_ros.exam.result import Conduct, RunResult
 
+FIVE = list(DRIVERS)
 EXAM = {
     "ads": "python 'my <ads>.py' & co",
     "ads_files_sha256": {"my_ads.py": 64 * "a"},
@@ -51,7 +57,7 @@ def page(tmp_path_factory):
 def test_the_first_paragraph_counts_the_contacts_with_the_learned_pedestrian(page):
     text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", page[0]))
     assert "With the default pedestrian, 2 of 12 episodes end in a contact: 16.7% [4.7, 44.8]" in text
-    assert "The rule-based autopilot has a contact in 8.3% [1.5, 35.4] of these episodes. Of the critical" in text
+    assert "The rule-based autopilot has a contact in 8.3% [1.5, 35.4] of these episodes. In 0.0%" in text
 
 
 def test_the_first_paragraph_says_how_many_critical_episodes_begin_beyond_the_range(tmp_path):
@@ -66,6 +72,7 @@ def test_the_first_paragraph_says_how_many_critical_episodes_begin_beyond_the_ra
     assert "mark=beyond_range" in text
     words = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", text))
     assert "3 of 12 critical episodes with the default pedestrian (25%) begin beyond the range" in words
+    assert "Look at these episodes by themselves before you rely on them" in words
 
 
 def test_the_page_may_run_no_script_and_send_nothing(page):
@@ -104,6 +111,52 @@ def test_the_page_is_readable_on_a_phone_a_wide_screen_and_paper(page, browser, 
     assert tab.pdf(prefer_css_page_size=True).startswith(b"%PDF")
     tab.emulate_media(media="print")
     assert tab.evaluate("getComputedStyle(document.querySelector('.wide')).overflowX") == "visible", "nothing is cut"
+    tab.close()
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """Page of an exam with five pedestrians and both drivers, in which the ADS hits more often than before."""
+    folder, config = tmp_path_factory.mktemp("compared"), ExamConfig(pedestrians=FIVE, recorded="right_turns")
+    made = {(name, driver): episodes(name, driver, 11) for name in FIVE for driver in ("ads", "autopilot")}
+    table = pl.concat([rows for _, rows in made.values()])
+    hit, brakes = pl.col("collision"), pl.col("hard_braking")
+    before = table.filter(pl.col("driver") == "ads").with_columns(moving_collision=~hit, hard_braking=~brakes)
+    report = make_report(table, {name: Conduct(12) for name in FIVE}, config)
+    report["against"] = compare(table, Earlier(folder / "main", "main.py", before), SimpleNamespace(config=config))
+    (verdict,) = check([parse("SR-12: moving_collision_rate > 0.5 @learned", FIVE)], report, FIVE)
+    report |= {"exam": EXAM, "failures": [sentence(verdict)], "criteria": [verdict]}
+    drives = {name: made[name, "ads"][0] for name in FIVE}
+    write_page(folder / "report.html", report, table, drives, "view.html")
+    return folder / "report.html"
+
+
+def test_the_first_screen_has_the_verdict_then_what_got_worse_and_better_and_how_large_a_change_shows(compared):
+    body = compared.read_text(encoding="utf-8").split("<body>")[1]
+    text = unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", body)))
+    heads = (
+        "SR-12: moving_collision_rate > 0.5 @learned: 0.9167",
+        "What changed against main",
+        "Worse",
+        "Better",
+        "The results",
+    )
+    places = [text.index(head) for head in heads]
+    assert places == sorted(places)
+    worse = text[places[2] : places[3]]
+    assert "collisions, vehicle moving [points]: default pedestrian +83.3 [" in worse
+    assert "with 12 episodes a change of 70 points or more would show" in worse, "all of 12 episodes differ"
+    assert "no change shows in collisions, conflicts" in text[places[3] :]
+
+
+def test_no_table_is_wider_than_its_column_at_1280_pixels(compared, browser):
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.goto(compared.as_uri())
+    wide = "[...document.querySelectorAll('table')].map(each => [each.scrollWidth, each.parentElement.clientWidth])"
+    found = tab.evaluate(wide)
+    assert len(found) > 5
+    assert all(own <= column for own, column in found), found
+    assert tab.evaluate("document.querySelector('.changes').getBoundingClientRect().top") < 300, "on the first screen"
     tab.close()
 
 

@@ -15,11 +15,11 @@ ASSUMED = 0.2  # share of episodes whose outcome changes between two systems, be
 
 
 def can_see(found: Mapping[str, Any], measure: str) -> str:
-    """Return, in words, how large a change would have to be to show; "" where no change would.
+    """Return, in words, how large a change would have to be to show; "" where that is not known.
 
     :param found: the change, as `vpsci_ros.exam.report.differences` gives it.
     """
-    if found.get("detectable") is None:
+    if not found.get("detectable"):  # 0: of a mean, where all episodes change alike
         return ""
     unit = MEASURES[measure].unit
     least = found["detectable"] * (1.0 if unit else 100.0)

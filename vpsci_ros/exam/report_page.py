@@ -17,7 +17,7 @@ from vpsci_ros.exam.criteria import verdict_value
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, rows_of
-from vpsci_ros.exam.scores import DIFFERENCES
+from vpsci_ros.exam.scores import DIFFERENCES, MEASURES
 from vpsci_ros.exam.view import MARKS
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.report import html
@@ -182,11 +182,47 @@ def write_page(
         names=NAMES | ({ADS: "You"} if report["exam"]["ads"] == PERSON else {}),
         differences=DIFFERENCES,
         verdict_value=verdict_value,
+        can_see=can_see,
+        changes=_changes(report),
+        widest=_widest,
         grouped=GROUPED,
         view=view,
         marks=set(MARKS),
         **values,
     )
+
+
+def _changes(report: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return what got worse and better against the earlier exam or, without one, the autopilot; None without either.
+
+    `worse` and `better`: measure -> pedestrian -> change, of changes that show. `unclear`: pedestrian -> titles of all
+    other measures. `failure`: pedestrian -> how large a change of the failures would show. `episodes`: pedestrian ->
+    row of the comparison with the earlier exam.
+    """
+    pedestrians = report["against"]["pedestrians"] if "against" in report else {}
+    found = {name: row["differences"] for name, row in pedestrians.items()} or report["beside"]
+    if not found:
+        return None
+    changes: dict[str, dict[str, dict[str, Any]]] = {"worse": {}, "better": {}}
+    unclear: dict[str, list[str]] = {}
+    for measure in DIFFERENCES:
+        for pedestrian, rows in found.items():
+            if (row := rows[measure])["value"] is None:
+                continue
+            if row["low"] <= 0.0 <= row["high"]:
+                unclear.setdefault(pedestrian, []).append(MEASURES[measure].title)
+            else:
+                kind = "worse" if (row["value"] > 0.0) == (MEASURES[measure].good == "low") else "better"
+                changes[kind].setdefault(measure, {})[pedestrian] = row
+    failure = f"{report['failure']}_rate"
+    seen = {name: f"{can_see(rows[failure], failure)} in {MEASURES[failure].title}" for name, rows in found.items()}
+    against = report["against"]["folder"] if pedestrians else "the rule-based autopilot"
+    return {"against": against, "unclear": unclear, "failure": seen, "episodes": pedestrians} | changes
+
+
+def _widest(rows: Mapping[str, Mapping[str, Any]], measure: str) -> str:
+    """Return, in words, how large a change would show with every one of these pedestrians."""
+    return can_see(max(rows.values(), key=lambda row: row["detectable"] or 0.0), measure)
 
 
 def _summary(report: Mapping[str, Any]) -> dict[str, Any]:
