@@ -1,9 +1,13 @@
 """Criteria for failing: parsed without evaluating anything, refused with a hint, compared with a report."""
 
+from pathlib import Path
+
 import pytest
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.criteria import NAMES, check, parse, sentence
+from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES
+from vpsci_ros.exam.scores import DIFFERENCES, MEASURES
 
 PEDESTRIANS = ["learned", "walker"]
 
@@ -89,6 +93,14 @@ def test_an_unknown_measure_is_refused_with_the_nearest_and_all_there_are():
     with pytest.raises(InvalidInput, match="unknown measure 'colision_rate'; did you mean collision_rate") as error:
         parse("colision_rate > 0.05", PEDESTRIANS)
     assert all(name in str(error.value) for name in NAMES)
+
+
+def test_the_pages_name_every_measure_that_a_criterion_may_name() -> None:
+    ads, nightly = ((Path(__file__).parents[2] / "docs" / name).read_text() for name in ("ads.md", "nightly.md"))
+    assert [name for name in (*MEASURES, *INCREASES, *COUNTS) if f"`{name}`" not in ads] == []
+    assert [name for name in (*DIFFERENCES, *FAILED_BEFORE) if f"`{name}`" not in nightly] == []
+    ends = {name.removeprefix(measure) for measure in DIFFERENCES for name in CHANGES if name.startswith(measure)}
+    assert [end for end in ends if f"`MEASURE{end}`" not in nightly] == []
 
 
 def test_a_pedestrian_that_the_exam_lacks_is_refused():

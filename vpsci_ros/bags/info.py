@@ -132,9 +132,7 @@ def _print_episodes(info: dict[str, Any], console: Console) -> None:
     episodes = info["episodes"]
     outcomes = ", ".join(f"{count} {name}" for name, count in sorted(info["outcomes"].items()))
     unfinished = f", {info['episodes_unfinished']} unfinished" if info["episodes_unfinished"] else ""
-    console.print(
-        f"{counted(len(episodes), 'episode')}: {outcomes or 'none that ended in it'}{unfinished}"
-    )
+    console.print(f"{counted(len(episodes), 'episode')}: {outcomes or 'none that ended in it'}{unfinished}")
     least = [e["least_curvttc"] for e in episodes if e["least_curvttc"] is not None]
     if least:
         quartiles = ", ".join(f"{value:.2f}" for value in np.quantile(least, [0.25, 0.5, 0.75]))
