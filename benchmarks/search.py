@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.data.gathered import gathered
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.config import MOVING
 from vpsci_ros.exam.exam import Exam, prepare
@@ -93,7 +93,7 @@ def drive(exam: Exam, keys: list[Key], *, learn: bool) -> Driven:
             yield loop.step(Actions(vehicle=driver.act(loop.world.now.state)))
 
     failed, whole = set[Key](), list[Episode]()
-    for episode in gathered(ticks(), exam.world.tick, exam.scenarios):
+    for episode in ended_episodes(ticks(), exam.world.tick, exam.scenarios):
         if episode.outcome == "collision" and episode.speed[-1] > MOVING:
             failed.add(episode.key)
         whole += [episode] if learn else []

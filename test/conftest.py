@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import browser as real
 import numpy as np
@@ -34,7 +34,14 @@ SMALL = NetworkConfig(hidden=16, heads=2)
 GRAPHS = {"chaos", "examples", "extending", "nodes"}  # rooms whose tests start nodes
 LONGEST = {"test_code_style.py", "test_site.py"}  # mypy and the tutorial: most of a minute each
 COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "perception", "recorder"]  # each kernel once
-SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
+
+
+class SimulatedTick(NamedTuple):
+    """A tick as `EpisodeFrames` takes it: EPISODE[B], CurvTTC [s] and distance [m], float64[B] each."""
+
+    state: NDArray[np.void]
+    curvttc: NDArray[np.float64]
+    distance: NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +161,7 @@ def simulate() -> Callable[..., Iterator[SimulatedTick]]:
             state["pedestrian_y"], state["pedestrian_vy"] = -4.0 + 1.5 * time, 1.5
             curvttc = np.where(time > 1.0, 4.0 + 0.01 * state["episode"], np.inf)
             distance = np.hypot(state["vehicle_x"] - state["pedestrian_x"], state["vehicle_y"] - state["pedestrian_y"])
-            yield state.copy(), curvttc, distance
+            yield SimulatedTick(state.copy(), curvttc, distance)
 
     return ticks
 

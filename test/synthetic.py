@@ -12,6 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import QUANTITIES
 from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.data.importers import ImportResult
 from vpsci_ros.data.importers.pairs import near_misses_of
@@ -196,7 +197,14 @@ def random_weights(network: NetworkConfig, seed: int = 1) -> Weights:
 
 
 def block_of_pairs(values: np.ndarray, scenario: int = 1) -> EpisodeBlock:
-    """Return episodes 0, 1, ... of one pedestrian, float32[n, frames, 10], that ended at the goal."""
+    """Return episodes 0, 1, ... of one pedestrian, float32[n, frames, 10 or 15], that ended at the goal.
+
+    :param values: `QUANTITIES`; of the first ten alone, headings and speeds are those of the velocities.
+    """
+    if values.shape[2] < len(QUANTITIES):
+        vx, vy = values[..., 2], values[..., 3]
+        more = [np.arctan2(vy, vx), np.hypot(vx, vy), 0.0 * vx, 0.0 * vx, np.ones_like(vx)]
+        values = np.concatenate([values, np.stack(more, axis=-1)], axis=-1).astype(np.float32)
     records = np.zeros(len(values), JUDGED)
     records["scenario"], records["count"], records["outcome"] = scenario, np.arange(len(values)), GOAL
     records["frames"] = records["rows"] = values.shape[1]

@@ -97,7 +97,9 @@ def _around_onset(whole: pl.DataFrame) -> tuple[Episode, View]:
     listed = Listed("", str(part["clip"][0]), 0, int(part["interaction"][0]), RECORDED, float(ttc.min()))
     driven = x, y, part["veh_heading"].to_numpy() + view.angle, part["veh_speed"].to_numpy(), np.zeros(len(x))
     walked = px, py, vx, vy, ttc, np.full_like(ttc, np.nan)
-    return Episode("", listed, None, STEP, *driven, *walked, np.zeros(ttc.shape, np.bool_)), view
+    return Episode(
+        "", listed, None, STEP, *driven, *walked, np.zeros(ttc.shape, np.bool_), np.ones(ttc.shape, np.bool_)
+    ), view
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
@@ -169,7 +169,7 @@ def _text(parts: list[str]) -> str:
 
 def column_tables() -> str:
     """Return the columns of a scenario's file and of the index of episodes."""
-    parts = ["", "Columns of a scenario's file (Table 7):\n", _columns(DATASET_COLUMNS)]
+    parts = ["", "Columns of a scenario's file, those of Table 7 first:\n", _columns(EPISODE_COLUMNS)]
     return "\n".join([*parts, "\nColumns of `episodes.parquet`:\n", _columns(INDEX_COLUMNS), "", ""])
 
 

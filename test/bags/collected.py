@@ -10,4 +10,4 @@ def collected(bag: Path) -> list[EpisodeBlock]:
     """Return the blocks of episodes that ended, none of them empty."""
     ticks = list(read_bag(bag))
     frames = EpisodeFrames(len(ticks[0].state))
-    return [batch for batch in (frames.add(tick.state, tick.curvttc, tick.distance) for tick in ticks) if len(batch)]
+    return [batch for batch in (frames.add(tick) for tick in ticks) if len(batch)]

@@ -8,9 +8,9 @@ from rich.console import Console
 
 from vpsci_ros.bags import export
 from vpsci_ros.bags.export import export_bag, provenance_of
+from vpsci_ros.bags.reader import BagTick
 from vpsci_ros.bags.run_record import NODE, node_record
 from vpsci_ros.bags.writer import BagWriter
-from vpsci_ros.data.gathered import RecordedTick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.summary import print_info
 from vpsci_ros.world.state import COLLISION, GOAL
@@ -21,9 +21,7 @@ def bag(tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run's folder whose bag reads as three episodes of scenario 1 (reading real ones is tested with the bags)."""
     run = tmp_path / "run"
     BagWriter(run / "bag", []).close({})
-    ticks = [
-        RecordedTick(k, 0.05, *tick) for k, tick in enumerate(simulate([150, 60, 120], [GOAL, COLLISION, GOAL], 2))
-    ]
+    ticks = [BagTick(k, 0.05, *tick) for k, tick in enumerate(simulate([150, 60, 120], [GOAL, COLLISION, GOAL], 2))]
     monkeypatch.setattr(export, "read_bag", lambda *_, **__: iter(ticks))
     return run / "bag"
 
@@ -57,7 +55,7 @@ def test_the_configuration_and_the_seed_of_a_run_are_taken_from_its_bag(tmp_path
 def test_a_bag_in_which_nothing_ended_leaves_nothing_behind(
     bag: Path, tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ticks = [RecordedTick(k, 0.05, *tick) for k, tick in enumerate(simulate([50], [GOAL], 1))][:20]
+    ticks = [BagTick(k, 0.05, *tick) for k, tick in enumerate(simulate([50], [GOAL], 1))][:20]
     monkeypatch.setattr(export, "read_bag", lambda *_, **__: iter(ticks))
     with pytest.raises(InvalidInput, match="not one of its 1 episodes ended"):
         export_bag(bag, tmp_path / "dataset", console=Console(file=io.StringIO()))

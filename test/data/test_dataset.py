@@ -18,6 +18,7 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.world.state import COLLISION, GOAL, TIMEOUT
 
 NAME = "LocationA_PedCross_S-N"
+FURTHER = ["scenario", "heading_av", "speed_av", "curvature_av", "controlled", "seen"]
 LENGTHS = [150, 60, 110, 201, 99, 120]
 OUTCOMES = [GOAL, COLLISION, GOAL, TIMEOUT, COLLISION, COLLISION]
 TABLE_7 = [
@@ -29,14 +30,17 @@ TABLE_7 = [
 def write(folder: Path, ticks, batch: int, **options) -> dict:
     collector = EpisodeFrames(batch)
     with DatasetWriter(folder, {1: NAME}, {"seed": 3, "weights": "abc", "period": 0.05}, **options) as writer:
-        write_blocks(writer, (collector.add(*tick) for tick in ticks))
+        write_blocks(writer, (collector.add(tick) for tick in ticks))
         return writer.close(unfinished=collector.unfinished)
 
 
 def test_kept_episodes_are_written_in_order_with_every_frame(simulate, tmp_path: Path) -> None:
     write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3)
     table = pl.read_parquet(tmp_path / "d" / f"{NAME}.parquet")
-    assert table.columns == TABLE_7
+    assert table.columns[: len(TABLE_7)] == TABLE_7
+    assert table.columns[len(TABLE_7) :] == FURTHER
+    assert table["scenario"].unique().to_list() == [1]
+    assert table["heading_av"].unique().to_list() == [np.float32(0.5)]
     assert table.group_by("count", maintain_order=True).agg(pl.len()).rows() == [(0, 150), (2, 110), (3, 201), (5, 120)]
     one = table.filter(pl.col("count") == 3)
     assert one["frame"].to_list() == list(range(201))
@@ -122,7 +126,7 @@ def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path, late: 
         DatasetWriter(tmp_path / "d", {1: NAME}, {}, keep_rejected=True, formats=["parquet", "csv"]) as writer,
     ):
         collector = EpisodeFrames(3)
-        write_blocks(writer, (collector.add(*tick) for tick in simulate(LENGTHS, OUTCOMES, 3)))
+        write_blocks(writer, (collector.add(tick) for tick in simulate(LENGTHS, OUTCOMES, 3)))
         if late:
             writer.close(beside={"weights": b"w"}, datasheet=cut)
         cut()
@@ -131,7 +135,7 @@ def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path, late: 
 
 def test_an_episode_that_comes_twice_is_refused(simulate, tmp_path: Path) -> None:
     collector = EpisodeFrames(3)
-    blocks = [collector.add(*tick) for tick in simulate(LENGTHS, OUTCOMES, 3)]
+    blocks = [collector.add(tick) for tick in simulate(LENGTHS, OUTCOMES, 3)]
     with (
         pytest.raises(InvalidInput, match="episode 0 of scenario 1 came twice"),
         DatasetWriter(tmp_path / "d", {1: NAME}, {}) as writer,

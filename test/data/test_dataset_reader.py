@@ -19,7 +19,7 @@ LENGTHS = [150, 60, 110, 201]
 def folder(simulate, tmp_path: Path) -> Path:
     collector = EpisodeFrames(3)
     with DatasetWriter(tmp_path / "d", {1: "one", 2: "unseen"}, {"seed": 3, "period": 0.05}, row_group=200) as writer:
-        write_blocks(writer, (collector.add(*tick) for tick in simulate(LENGTHS, [GOAL] * 4, 3)))
+        write_blocks(writer, (collector.add(tick) for tick in simulate(LENGTHS, [GOAL] * 4, 3)))
         writer.close()
     return tmp_path / "d"
 
@@ -39,7 +39,7 @@ def test_rows_that_are_missing_are_noticed(folder: Path) -> None:
 
 def test_a_file_that_is_gone_or_no_table_of_a_dataset_is_named(folder: Path) -> None:
     pl.DataFrame({"a": [1]}).write_parquet(folder / "one.parquet")
-    with pytest.raises(InvalidInput, match=r"one\.parquet: expected the columns of Table 7"):
+    with pytest.raises(InvalidInput, match=r"one\.parquet: expected the columns of an episode"):
         list(Dataset(folder).read())
     (folder / "one.parquet").unlink()
     with pytest.raises(InvalidInput, match=r"one\.parquet: no such file"):

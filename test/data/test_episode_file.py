@@ -7,10 +7,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
+from vpsci_ros.data.dataset import write_episodes
+from vpsci_ros.data.dataset_reader import EpisodeFile
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.episode_file import EPISODE_COLUMNS, read_episode_file, write_episodes
-from vpsci_ros.data.gathered import gathered
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
@@ -20,32 +21,32 @@ def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: P
     scenarios = load_scenarios([1, 104], [])
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=2.0)
     steps = Loop(World(config, scenarios, [(1, 0), (104, 0)], 2, 1))
-    episodes = list(gathered(steps, config.tick, scenarios, source="a loop"))
+    episodes = list(ended_episodes(steps, config.tick, scenarios, source="a loop"))
     assert [episode.name for episode in episodes] == ["1:0", "104:0"], "of one number, in different scenarios"
-    people = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
+    people = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled", "seen")
     two = {name: np.vstack([getattr(episodes[0], name), 1.0 + getattr(episodes[0], name)]) for name in people}
-    two["controlled"] = two["controlled"] > 1.0
+    two["controlled"], two["seen"] = two["controlled"] > 1.0, two["seen"] < 2.0
     episodes[0] = dataclasses.replace(episodes[0], **two)
     path = tmp_path / "frames.parquet"
     write_episodes(path, episodes)
-    for one, other in zip(episodes, read_episode_file(path), strict=True):
+    for one, other in zip(episodes, EpisodeFile(path).read(), strict=True):
         assert (one.listed, one.period) == (other.listed, other.period)
         assert one.scenario is not None
         assert other.scenario is not None
         assert one.scenario.document == other.scenario.document
         arrays = [name for name in Episode.__dataclass_fields__ if isinstance(getattr(one, name), np.ndarray)]
-        assert len(arrays) == 12
+        assert len(arrays) == 13
         assert all(np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in arrays)
     rows = pl.read_parquet(path)
     assert rows.columns == list(EPISODE_COLUMNS)
-    assert set(DATASET_COLUMNS) < set(rows.columns)
+    assert tuple(rows.columns[: len(TABLE_7)]) == TABLE_7
     assert rows.filter(pl.col("scenario") == 1)["position_x_ped"].to_list() == episodes[0].ped_x.ravel().tolist()
     whole = path.read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 8] ^= 1
     for damaged in (whole[:-200], bytes(flipped)):
         path.write_bytes(damaged)
-        with pytest.raises(InvalidInput, match=r"frames.parquet: expected the episodes of a run in Parquet, not read"):
-            read_episode_file(path)
+        with pytest.raises(InvalidInput, match=r"frames.parquet: .*not readable"):
+            list(EpisodeFile(path).read())
     write_episodes(path, [])
-    assert read_episode_file(path) == []
+    assert list(EpisodeFile(path).read()) == []

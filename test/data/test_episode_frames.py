@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.data.episode_block import QUANTITIES, EpisodeFrames
+from vpsci_ros.data.episode import QUANTITIES
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import COLLISION, GOAL, TIMEOUT
 
@@ -16,7 +17,7 @@ def collect(ticks, batch: int, frames: int = 256) -> dict[int, tuple[int, int, n
     collector = EpisodeFrames(batch, frames)
     out = {}
     for tick in ticks:
-        done = collector.add(*tick)
+        done = collector.add(tick)
         for i, record in enumerate(done.records):
             assert record["scenario"] == 1
             values = done.only(np.arange(len(done)) == i).values
@@ -46,7 +47,7 @@ def test_velocity_of_the_vehicle_points_along_its_heading(simulate) -> None:
 def test_an_end_that_is_shown_for_several_ticks_counts_once(simulate) -> None:
     collector = EpisodeFrames(1)
     *before, last = simulate([6], [GOAL], 1)
-    assert [len(collector.add(*tick)) for tick in [*before, last, last, last]] == [0] * 5 + [1, 0, 0]
+    assert [len(collector.add(tick)) for tick in [*before, last, last, last]] == [0] * 5 + [1, 0, 0]
 
 
 def test_frames_that_nobody_saw_are_not_a_number(simulate) -> None:
@@ -65,7 +66,7 @@ def test_what_a_slot_held_before_never_shows_through(simulate) -> None:
 def test_a_broken_off_episode_is_counted_and_not_given_out(simulate) -> None:
     collector = EpisodeFrames(1)
     ticks = list(simulate([8, 4], [GOAL, GOAL], 1))
-    done = [collector.add(*tick) for tick in ticks[:5] + ticks[8:]]
+    done = [collector.add(tick) for tick in ticks[:5] + ticks[8:]]
     assert [block.records["count"].tolist() for block in done if len(block)] == [[1]]
     assert collector.unfinished == 1
 
@@ -73,4 +74,4 @@ def test_a_broken_off_episode_is_counted_and_not_given_out(simulate) -> None:
 def test_another_batch_size_is_refused(simulate) -> None:
     tick = next(simulate([3, 3], [GOAL, GOAL], 2))
     with pytest.raises(InvalidInput, match="expected 3 parallel episodes, got 2 states"):
-        EpisodeFrames(3).add(*tick)
+        EpisodeFrames(3).add(tick)

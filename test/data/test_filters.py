@@ -5,7 +5,8 @@ import pytest
 from synthetic import block_of_pairs
 
 from vpsci_ros.data.dataset_description import counts_of
-from vpsci_ros.data.episode_block import KEPT, QUANTITIES, REASONS, EpisodeBlock
+from vpsci_ros.data.episode import QUANTITIES
+from vpsci_ros.data.episode_block import KEPT, REASONS, EpisodeBlock
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.world.state import COLLISION
 

@@ -9,7 +9,7 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.episode_file import FRAMES
+from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.exam import Exam, prepare

@@ -14,7 +14,7 @@ import pytest
 
 from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.episode_file import FRAMES, read_episode_file
+from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import in_process
 from vpsci_ros.exam.conduct import is_done, run_with
@@ -53,13 +53,13 @@ def mine(act: str) -> str:
 def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     driven: Path, small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = read_episode_file(driven / "runs" / "walker" / FRAMES)
+    whole = list(EpisodeFile(driven / "runs" / "walker" / "1" / FRAMES).read())
     assert [episode.name for episode in whole] == ["1:0", "1:1", "104:0", "104:1"]
     assert not list(driven.rglob("*.mcap"))
     alone = run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True).episodes
     monkeypatch.setattr(in_process, "SIDE_BY_SIDE", 3)
     three = run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True).episodes
-    bag = tmp_path / "alone" / "runs" / "walker" / "bag"
+    bag = tmp_path / "alone" / "runs" / "walker" / "1" / "bag"
     recorded = sorted(read_bag_episodes(bag), key=lambda episode: episode.key)
     for other in (alone, three, recorded):
         for one, same in zip(whole, other, strict=True):
@@ -88,12 +88,12 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(
     with pytest.raises(InvalidInput, match=r"holds an exam with parameters\.[a-z_.]+ = "):
         run_exam(small_exam(seed=7), folder, quiet=True)
     assert is_done(small_exam(), folder, "walker")
-    (folder / "runs" / "walker" / FRAMES).write_bytes(b"")
+    (folder / "runs" / "walker" / "1" / FRAMES).write_bytes(b"")
     with pytest.raises(
         InvalidInput, match=r"walker/frames.parquet: expected the episodes of a run in Parquet, not readable as such"
     ):
         run_exam(small_exam(), folder, quiet=True)
-    (folder / "runs" / "walker" / FRAMES).unlink()
+    (folder / "runs" / "walker" / "1" / FRAMES).unlink()
     assert not is_done(small_exam(), folder, "walker"), "it is driven again"
 
 
@@ -107,7 +107,7 @@ def test_what_raises_loses_its_episode_and_no_other_and_the_report_says_where(
     assert failures[0].startswith(first)
     table = pl.read_parquet(tmp_path / "exam" / "episodes.parquet")
     assert table["pedestrian"].value_counts().sort("pedestrian").rows() == [("alone", 3), ("learned", 3), ("walker", 3)]
-    assert "raise RuntimeError('no plan')" in (tmp_path / "exam" / "logs" / "ads_walker.log").read_text()
+    assert "raise RuntimeError('no plan')" in (tmp_path / "exam" / "logs" / "ads_walker-1.log").read_text()
     report = json.loads((tmp_path / "exam" / "report.json").read_text())
     assert report["conduct"]["walker"]["episodes_driven"] == 3
 
@@ -139,7 +139,7 @@ def test_a_class_whose_process_ends_has_failed_and_the_report_is_where_it_was_as
 ) -> None:
     driver = module(mine("import os; os.chdir('/'); os._exit(0)"))
     failures = run_exam(small_exam(driver), Path("exam"), quiet=True)
-    ended = "and 3 more to the end: at 0.00 s the ADS ended with exit status 0 (log: exam/logs/ads_alone.log)"
+    ended = "and 3 more to the end: at 0.00 s the ADS ended with exit status 0 (log: exam/logs/ads_alone-1.log)"
     assert ended in failures[0]
     assert (tmp_path / "exam" / "report.html").is_file()
 

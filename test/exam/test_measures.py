@@ -31,7 +31,22 @@ def drive(speeds, *, curvttc=np.inf, outcome="goal", episode=0, walking=1.5):
     px, py, vx, vy, curvttc, distance = (row[None] for row in (*walk, ttc, still))
     listed = Listed(f"1:{episode}", SCENARIO.name, 1, episode, outcome, float(np.nanmin(ttc)))
     vehicle = x, still, still, speeds, still
-    return Episode("", listed, SCENARIO, PERIOD, *vehicle, px, py, vx, vy, curvttc, distance, curvttc < 5.0)
+    return Episode(
+        "",
+        listed,
+        SCENARIO,
+        PERIOD,
+        *vehicle,
+        px,
+        py,
+        vx,
+        vy,
+        curvttc,
+        distance,
+        curvttc < 5.0,
+        curvttc > -1.0,
+        kinds=("adult",),
+    )
 
 
 def row(found, alone=(), **options):

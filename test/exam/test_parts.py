@@ -41,7 +41,7 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
     monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 3)
     found = run_with_all(small_exam("dies_once:Mine"), tmp_path, ["walker"], workers=2, quiet=True)["walker"]
     assert (tmp_path / "died").exists()
-    assert {path.name for path in (tmp_path / "runs").iterdir()} == {"walker", "walker-2"}
+    assert {path.name for path in (tmp_path / "runs" / "walker").iterdir()} == {"1", "2"}
     table = episode_table(found, [], small_exam().config, driver="ads", pedestrian="walker").drop("time_lost")
     whole = pl.read_parquet(driven / "episodes.parquet").filter(pl.col("pedestrian") == "walker")
     assert table.equals(whole.drop("time_lost"))

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.bags.recorded_motion import recorded_from_bag
+from vpsci_ros.bags.episodes import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.recorded_people import FAR, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.world import WorldConfig, load_scenarios

@@ -6,7 +6,8 @@ import polars as pl
 import pytest
 
 from vpsci_ros.bags.episodes import read_bag_episodes
-from vpsci_ros.data.episode_file import FRAMES, write_episodes
+from vpsci_ros.data.dataset import write_episodes
+from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
@@ -40,8 +41,8 @@ def sources(table, autopilot, limit=1000):
 
 def test_an_exam_that_is_over_is_shown_with_its_verdicts(own_bag, autopilot, tmp_path: Path) -> None:
     driven = list(read_bag_episodes(own_bag))
-    (tmp_path / "runs" / "walker").mkdir(parents=True)
-    write_episodes(tmp_path / "runs" / "walker" / FRAMES, driven)
+    (tmp_path / "runs" / "walker" / "1").mkdir(parents=True)
+    write_episodes(tmp_path / "runs" / "walker" / "1" / FRAMES, driven)
     table = rows(driven, "ads")
     table = pl.concat([table, rows(autopilot, "autopilot")])
     write_parquet(table, tmp_path / "episodes.parquet", COLUMNS, content="episodes of an exam")

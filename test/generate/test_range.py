@@ -4,7 +4,8 @@ import numpy as np
 
 from vpsci_ros.data.dataset_description import counts_of
 from vpsci_ros.data.dataset_tables import index_table
-from vpsci_ros.data.episode_block import JUDGED, QUANTITIES, EpisodeBlock
+from vpsci_ros.data.episode import QUANTITIES
+from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.generate.simulate import ranged
 from vpsci_ros.policy.onset_range import LEVELS
 

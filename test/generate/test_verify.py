@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS
 from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.run import simulators
@@ -33,7 +33,7 @@ def copy(made: Path, tmp_path: Path) -> Path:
 def edit(path: Path, change: Callable[[pl.DataFrame], pl.DataFrame]) -> None:
     """Write a Parquet file of the dataset again, with rows changed and everything else as it was."""
     metadata = read_metadata(path)
-    write_parquet(change(pl.read_parquet(path)), path, DATASET_COLUMNS, **metadata)
+    write_parquet(change(pl.read_parquet(path)), path, EPISODE_COLUMNS, **metadata)
 
 
 def nudge(row: int, column: str, by: float) -> Callable[[pl.DataFrame], pl.DataFrame]:

@@ -150,10 +150,10 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
         by_node = run_with(prepare(sections(), command), "walker", tmp_path, "", quiet=True)
     assert by_node.conduct == Conduct(wanted=2)
     assert by_node.unanswered == {}
-    said = (tmp_path / "logs" / "ads_walker.log").read_text().splitlines()
+    said = (tmp_path / "logs" / "ads_walker-1.log").read_text().splitlines()
     assert "TRUTH" not in said
     assert said.count("objects") > 50
-    topics = Bag(tmp_path / "runs" / "walker" / "bag").topics()
+    topics = Bag(tmp_path / "runs" / "walker" / "1" / "bag").topics()
     again = topics["/perception/objects"].messages - topics["/world/state"].messages
     assert 0 <= again < 25, "the first list may be published again, until the driving system has answered"
     assert topics["/pedestrian/odometry"].messages == 0

@@ -25,7 +25,9 @@ def episode(scenario: int = 1) -> Episode:
     walk = (row[None] for row in (still, way, still, 0.2 * speed, ttc, way))
     (place,) = load_scenarios([scenario])
     listed = Listed(f"{scenario}:0", place.name, scenario, 0, "goal", 1.0)
-    return Episode("", listed, place, 0.05, way, still, still, speed, still, *walk, np.zeros((1, 50), bool))
+    return Episode(
+        "", listed, place, 0.05, way, still, still, speed, still, *walk, np.zeros((1, 50), bool), np.ones((1, 50), bool)
+    )
 
 
 def test_each_scenario_with_a_kept_episode_has_one_typical_episode(dataset: Path) -> None:

@@ -32,5 +32,6 @@ def episode(
         curvttc=np.concatenate([columns["curvttc"][None], far]),
         distance=np.hypot(columns["x"] - walk[0], columns["y"] - walk[1]),
         controlled=np.concatenate([columns["held"][None] == 1.0, far < 0.0]),
+        seen=np.ones(walk[0].shape, np.bool_),
         **more,
     )

@@ -9,8 +9,8 @@ import pytest
 
 from vpsci_ros.bags import episodes as bags
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode_file import FRAMES, write_episodes
+from vpsci_ros.data.dataset import write_episodes
+from vpsci_ros.data.dataset_reader import FRAMES, Dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 
@@ -19,8 +19,8 @@ from vpsci_ros.view.episode_sources import open_source, read_episodes
 def exam(own_bag: Path, tmp_path: Path) -> Path:
     (tmp_path / "exam.json").write_text(json.dumps({}))
     for name in ("alone", "learned", "walker"):
-        (tmp_path / "runs" / name).mkdir(parents=True)
-        write_episodes(tmp_path / "runs" / name / FRAMES, list(read_episodes(own_bag)))
+        (tmp_path / "runs" / name / "1").mkdir(parents=True)
+        write_episodes(tmp_path / "runs" / name / "1" / FRAMES, list(read_episodes(own_bag)))
     return tmp_path
 
 
@@ -71,11 +71,9 @@ def test_an_exams_episodes_are_named_by_pedestrian_and_those_without_one_are_lef
 
 def test_episodes_of_an_exams_further_parts_are_named_by_pedestrian_too(exam: Path, own_bag: Path) -> None:
     whole = list(read_episodes(own_bag))
-    (exam / "runs" / "learned-2").mkdir()
-    write_episodes(exam / "runs" / "learned" / FRAMES, whole[:1])
-    write_episodes(exam / "runs" / "learned-2" / FRAMES, whole[1:])
-    (exam / "runs" / "alone-2").mkdir()
-    write_episodes(exam / "runs" / "alone-2" / FRAMES, whole)
+    (exam / "runs" / "learned" / "2").mkdir()
+    write_episodes(exam / "runs" / "learned" / "1" / FRAMES, whole[:1])
+    write_episodes(exam / "runs" / "learned" / "2" / FRAMES, whole[1:])
     names = [one.name for one in read_episodes(exam)]
     assert names == [f"{run}/{name}" for run in ("learned", "walker") for name in ("1:0", "6:4", "1:2")]
 

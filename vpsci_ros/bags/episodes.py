@@ -5,22 +5,23 @@ gives its episodes from the world's states or odometry themselves; that reads al
 """
 
 import itertools
-import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.reader import Bag, opened
+from vpsci_ros.bags.reader import Bag, BagTick, opened
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.gathered import RecordedTick, episode_rows, gathered
+from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.documents import given_names, listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
+from vpsci_ros.world import Recorded, Scenario
+from vpsci_ros.world.state import FINISHED, OUTCOME_NAMES, STARTED
 
 EPISODE_RECORD = "vpsci_episode"  # name of the records
 _USED = ["kind", "slot", "scenario", "episode", "outcome", "least_curvttc"]  # fields of an event
@@ -29,50 +30,45 @@ LATE = 1_000_000_000  # [ns] by which other tools log an answer or a state later
 
 @dataclass(frozen=True)
 class BagEpisode:
-    """One episode of a bag: its numbers, first and last tick, outcome and least CurvTTC.
+    """One episode of a bag: its metadata, and where it lies.
 
-    :ivar scenario, episode: its number, and that within the scenario.
+    :ivar listed: without a group where it is made from a record alone.
     :ivar slot: its index in the arrays of the messages, of several pedestrians the first one's.
     :ivar start_tick, end_tick, start_time, end_time: first and last tick, and their times in the bag [ns].
-    :ivar outcome: of `OUTCOME_NAMES`, such as "collision"; "none" where the bag does not say.
-    :ivar least_curvttc: [s], of several pedestrians the least one; infinite if no contact was ever predicted.
     :ivar first_file, file: where it begins and where it ends; empty where no record says so.
     """
 
-    scenario: int
-    episode: int
+    listed: Listed
     slot: int
     start_tick: int
     end_tick: int
     start_time: int
     end_time: int
-    outcome: str
-    least_curvttc: float
     first_file: str = ""
     file: str = ""
 
-    @property
-    def key(self) -> tuple[int, int]:
-        """Numbers of the scenario and of the episode."""
-        return self.scenario, self.episode
-
-    @property
-    def name(self) -> str:
-        """The episode's name in commands, such as "6:12"."""
-        return f"{self.scenario}:{self.episode}"
+    def values(self) -> dict[str, Any]:
+        """Return the episode as a flat dictionary, by the names of a text record."""
+        places = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        _, _, scenario, episode, outcome, least = self.listed
+        return {"scenario": scenario, "episode": episode, "outcome": outcome, "least_curvttc": least, **places}
 
     def to_record(self) -> dict[str, str]:
         """Return the episode as the values of a text record."""
-        return {field.name: str(getattr(self, field.name)) for field in fields(self)}
+        return {name: str(value) for name, value in self.values().items()}
 
     @classmethod
-    def from_record(cls, record: dict[str, str]) -> "BagEpisode":
+    def from_record(cls, record: Mapping[str, str], roads: Mapping[int, Scenario]) -> "BagEpisode":
         """Return the episode that a text record describes.
 
+        :param roads: scenarios by number.
         :raises InvalidInput: it is not one.
         """
         try:
-            return cls(**{field.name: field.type(record[field.name]) for field in fields(cls)})  # type: ignore[operator]
+            key = int(record["scenario"]), int(record["episode"])
+            listed = Listed.simulated(key, roads.get(key[0]), record["outcome"], float(record["least_curvttc"]))
+            places = {field.name: field.type(record[field.name]) for field in fields(cls)[1:]}  # type: ignore[operator]
+            return cls(listed, **places)
         except (KeyError, ValueError) as error:
             raise InvalidInput(f"the bag's record of an episode is damaged: {error!r}") from None
 
@@ -103,10 +99,11 @@ class EpisodeLog:
                 self._open[slot] = key, tick, time, file
             elif kind == FINISHED and slot in self._open:
                 begun, start_tick, start_time, first_file = self._open.pop(slot)
-                ends = (start_tick, tick, start_time, time)
-                ended.append(BagEpisode(*begun, slot, *ends, OUTCOME_NAMES[outcome], least, first_file, file))
-            elif kind == FINISHED and ended and ended[-1].key == key:
-                ended[-1] = replace(ended[-1], least_curvttc=min(ended[-1].least_curvttc, least))
+                listed = Listed.simulated(begun, None, OUTCOME_NAMES[outcome], least)
+                ended.append(BagEpisode(listed, slot, start_tick, tick, start_time, time, first_file, file))
+            elif kind == FINISHED and ended and ended[-1].listed.key == key:
+                nearest = min(ended[-1].listed.least_curvttc, least)
+                ended[-1] = replace(ended[-1], listed=ended[-1].listed._replace(least_curvttc=nearest))
         return ended
 
 
@@ -115,29 +112,34 @@ def bag_episodes(bag: Bag) -> list[BagEpisode]:
 
     :raises InvalidInput: the bag is damaged, or has no states of a vehicle and a pedestrian.
     """
-    found = [BagEpisode.from_record(values) for name, values in bag.records() if name == EPISODE_RECORD]
-    return found or list(_from_ticks(bag))
+    records = [values for name, values in bag.records() if name == EPISODE_RECORD]
+    if not records:
+        return list(_from_ticks(bag))
+    roads = {scenario.number: scenario for scenario in scenarios_of(bag)}
+    return [BagEpisode.from_record(values, roads) for values in records]
 
 
 def _from_ticks(bag: Bag) -> Iterator[BagEpisode]:
-    begun: dict[int, tuple[tuple[int, int], int, int]] = {}
-    least: NDArray[np.float64] = np.zeros(0)
-    for tick in read_bag(bag):
-        if len(least) == 0:
-            least = np.full(len(tick.state), math.inf)
-        for rows in episode_rows(tick.state):
-            slot = int(rows[0])
-            record = tick.state[slot]
-            key = int(record["scenario"]), int(record["episode"])
-            if slot not in begun or begun[slot][0] != key:
-                begun[slot] = key, tick.number, tick.time
-                least[slot] = math.inf
-            curvttc = np.nan_to_num(tick.curvttc[rows], nan=math.inf, posinf=math.inf)
-            least[slot] = min(least[slot], curvttc.min())
-            if record["status"] == ENDED:
-                _, start_tick, start_time = begun.pop(slot)
-                ends = start_tick, tick.number, start_time, tick.time
-                yield BagEpisode(*key, slot, *ends, OUTCOME_NAMES[record["outcome"]], float(least[slot]))
+    times: dict[int, int] = {}
+    last: list[BagTick] = []
+
+    def noted() -> Iterator[BagTick]:
+        for tick in read_bag(bag):
+            times[tick.number] = tick.time
+            last[:] = [tick]
+            yield tick
+
+    for episode in _episodes(noted(), scenarios_of(bag)):
+        (tick,) = last
+        start = tick.number - len(episode) + 1
+        own = (tick.state["scenario"] == episode.key[0]) & (tick.state["episode"] == episode.number)
+        yield BagEpisode(episode.listed, int(own.argmax()), start, tick.number, times[start], tick.time)
+
+
+def _episodes(ticks: Iterator[BagTick], scenarios: Sequence[Scenario], **more: Any) -> Iterator[Episode]:
+    """Yield the episodes of a bag's ticks, see `ended_episodes`."""
+    if (first := next(ticks, None)) is not None:
+        yield from ended_episodes(itertools.chain([first], ticks), first.period, scenarios, **more)
 
 
 def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
@@ -148,7 +150,7 @@ def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
     found = [episode for episode in episodes if _matches(episode, text)]
     if not found:
         raise InvalidInput(f"episode {text}: not in the bag; it has {_some(episodes)}")
-    if len({episode.key for episode in found}) > 1:
+    if len({episode.listed.key for episode in found}) > 1:
         raise InvalidInput(f"episode {text}: there is one in several scenarios; name one of {_some(found)}")
     return found[0]
 
@@ -170,8 +172,8 @@ def choose(
         episode
         for episode in episodes
         if (not ranges or any(_matches(episode, text) for text in ranges))
-        and outcome in ("", episode.outcome)
-        and (curvttc_below is None or episode.least_curvttc < curvttc_below)
+        and outcome in ("", episode.listed.outcome)
+        and (curvttc_below is None or episode.listed.least_curvttc < curvttc_below)
     ]
     if not chosen:
         raise InvalidInput(f"no episode of the bag is as chosen; it has {_some(episodes)}")
@@ -187,21 +189,25 @@ def _matches(episode: BagEpisode, text: str) -> bool:
     last = last or first
     if not (first.isdigit() and last.isdigit() and (scenario.isdigit() or not colon)):
         raise InvalidInput(f"episode {text!r}: expected a number, a range or SCENARIO:NUMBER, say 12, 7-9 or 6:12")
-    return int(first) <= episode.episode <= int(last) and (not colon or int(scenario) == episode.scenario)
+    _, _, own, number, *_ = episode.listed
+    return int(first) <= number <= int(last) and (not colon or int(scenario) == own)
 
 
 _NONE = "no episode that ended in it"
 
 
 def _some(episodes: list[BagEpisode]) -> str:
-    return listed(f"{episode.name} ({episode.outcome})" for episode in episodes) if episodes else _NONE
+    return listed(f"{one.listed.name} ({one.listed.outcome})" for one in episodes) if episodes else _NONE
 
 
-def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterator[RecordedTick]:
+def episode_ticks(bag: str | Path | Bag, chosen: Collection[BagEpisode]) -> Iterator[BagTick]:
     """Yield the ticks of a bag from the start of each chosen episode to 1 s after its end, in order.
+
+    Slots with other episodes are idle.
 
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """
+    wanted = {episode.listed.key for episode in chosen}
     ranges: list[list[int]] = []
     for episode in sorted(chosen, key=lambda episode: episode.start_time):
         start, stop = episode.start_time, episode.end_time + LATE
@@ -210,7 +216,10 @@ def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterat
         else:
             ranges.append([start, stop])
     for start, stop in ranges:
-        yield from read_bag(bag, start=start, stop=stop)
+        for tick in read_bag(bag, start=start, stop=stop):
+            held = zip(tick.state["scenario"].tolist(), tick.state["episode"].tolist(), strict=True)
+            tick.state[[key not in wanted for key in held]] = 0
+            yield tick
 
 
 def read_bag_episodes(bag: str | Path | Bag, chosen: Collection[BagEpisode] | None = None) -> Iterator[Episode]:
@@ -220,9 +229,22 @@ def read_bag_episodes(bag: str | Path | Bag, chosen: Collection[BagEpisode] | No
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """
     bag = opened(bag)
-    scenarios = scenarios_of(bag)
     ticks = read_bag(bag) if chosen is None else episode_ticks(bag, chosen)
-    if (first := next(ticks, None)) is not None:
-        wanted = None if chosen is None else {episode.key for episode in chosen}
-        ticks = itertools.chain([first], ticks)
-        yield from gathered(ticks, first.period, scenarios, wanted=wanted, source=str(bag.path))
+    yield from _episodes(ticks, scenarios_of(bag), source=str(bag.path))
+
+
+def recorded_from_bag(bag: str | Path) -> Recorded:
+    """Return the motion of both agents in every episode of a bag, for the replay drivers of a `World`.
+
+    Of several pedestrians it is the first one. The bag must have been recorded at the tick of the world that replays
+    it. An episode that was cut off at the end of the bag is replayed as far as it goes; beyond its recording an agent
+    goes on straight.
+
+    :raises InvalidInput: no bag, a damaged one, or one without an episode.
+    """
+    motion = {}
+    for episode in _episodes(read_bag(bag), (), all_=True):
+        seen = episode.filled()
+        vehicle = np.stack([seen.x, seen.y, seen.heading, seen.speed, seen.curvature], axis=1)
+        motion[episode.key] = vehicle, np.stack([seen.ped_x, seen.ped_y, seen.ped_vx, seen.ped_vy], axis=2)[0]
+    return Recorded(motion)

@@ -1,7 +1,7 @@
 """Export of a bag as a dataset: its recorded episodes, filtered, as tables."""
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,9 @@ from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_tables import FORMATS
-from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode import NO_SCENARIO, group_of
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
-from vpsci_ros.data.gathered import NO_SCENARIO, RecordedTick, group_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import sha256
 
@@ -54,17 +53,16 @@ def export_bag(
     ticks = read_bag(bag)
     if episodes or outcome or curvttc_below is not None:
         chosen = choose(bag_episodes(bag), episodes, outcome, curvttc_below)
-        wanted = {episode.key for episode in chosen}
-        ticks = (_alone(tick, wanted) for tick in episode_ticks(bag, chosen))
+        ticks = episode_ticks(bag, chosen)
         filters = filters or KEEP_ALL
-        keep_rejected |= any(not np.isfinite(episode.least_curvttc) for episode in chosen)
+        keep_rejected |= any(not np.isfinite(episode.listed.least_curvttc) for episode in chosen)
     first = next(ticks)
-    frames, unseen = EpisodeFrames(len(first.state)), 0
+    frames, unseen = EpisodeFrames(len(first.state), scenarios=scenarios), 0
 
     def ended() -> Iterator[EpisodeBlock]:
         nonlocal unseen
         for tick in itertools.chain((first,), ticks):
-            block = frames.add(tick.state, tick.curvttc, tick.distance)
+            block = frames.add(tick)
             unseen += int(np.isnan(block.values).any(axis=1).sum())
             yield block
 
@@ -82,13 +80,6 @@ def export_bag(
     if unseen:
         console.print(f"the bag lacks states, or the monitor's answers to them, of {unseen} frames: empty cells")
     return description
-
-
-def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
-    """Return a tick in which every slot is idle that holds an episode not in `wanted`."""
-    held = zip(tick.state["scenario"].tolist(), tick.state["episode"].tolist(), strict=True)
-    tick.state[[key not in wanted for key in held]] = 0
-    return tick
 
 
 def provenance_of(bag: str | Path | Bag) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def bag_info(path: str | Path) -> dict[str, Any]:
             for topic in topics.values()
         ],
         "episodes": [_episode(episode) for episode in episodes],
-        "outcomes": dict(Counter(episode.outcome for episode in episodes)),
+        "outcomes": dict(Counter(episode.listed.outcome for episode in episodes)),
         "episodes_unfinished": int(run.totals.get("episodes_unfinished", 0)),
         "run": {name: value for name, value in dataclasses.asdict(run).items() if name != "totals"},
         "missing": what_is_missing(topics, run, [name for name, _ in bag.records()]),
@@ -190,8 +190,8 @@ def _episodes(bag: Bag, topics: dict[str, TopicInfo]) -> list[BagEpisode]:
 
 
 def _episode(episode: BagEpisode) -> dict[str, Any]:
-    values = dataclasses.asdict(episode) | {"name": episode.name}
+    values = episode.values() | {"name": episode.listed.name}
     values["start"], values["end"] = values.pop("start_time") * 1e-9, values.pop("end_time") * 1e-9
-    if not math.isfinite(episode.least_curvttc):
+    if not math.isfinite(episode.listed.least_curvttc):
         values["least_curvttc"] = None
     return values

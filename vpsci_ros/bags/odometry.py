@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.reader import Bag
-from vpsci_ros.data.gathered import NO_SCENARIO, RecordedTick
+from vpsci_ros.bags.reader import Bag, BagTick
+from vpsci_ros.data.episode import NO_SCENARIO
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import TYPES, motion
@@ -28,7 +28,7 @@ SLOW = 0.1  # [m/s] below which a yaw rate says nothing of a path's curvature
 Floats = NDArray[np.float64]
 
 
-def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
+def odometry_ticks(bag: Bag) -> Iterator[BagTick]:
     """Yield the ticks of a bag with odometry of both agents; none if the odometry of either is missing.
 
     :raises InvalidInput: another type on these topics, or a message that cannot be read.
@@ -45,13 +45,14 @@ def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
     period = float(np.median(steps[steps <= GAP])) if (steps <= GAP).any() else 0.0
     tick = 0
     for number, (first, after) in enumerate(itertools.pairwise(bounds)):
+        vehicle[first:after, 3] = np.unwrap(vehicle[first:after, 3])
         for row in range(first, after):
             state = _state(vehicle[row], pedestrian[row])
             state["episode"], state["frame"] = number, row - first
             state["status"] = ENDED if row == after - 1 else RUNNING
             curvttc, distance, _ = assess(state)
             time = bag.begin + int(vehicle[row, 6])
-            yield RecordedTick(number=tick, period=period, state=state, curvttc=curvttc, distance=distance, time=time)
+            yield BagTick(number=tick, period=period, state=state, curvttc=curvttc, distance=distance, time=time)
             tick += 1
 
 

@@ -6,7 +6,10 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.topic_info import TopicInfo, by_name, extent
@@ -17,6 +20,17 @@ from vpsci_ros.wire.layout import WORLD
 
 VEHICLE = "/vehicle/odometry"
 _SQLITE = "a bag in sqlite3 storage is not read: have `ros2 bag convert` make one of MCAP"
+
+
+class BagTick(NamedTuple):
+    """The world and the safety monitor's answer at one tick; NaN where the bag has no answer."""
+
+    number: int
+    period: float  # [s] from one tick to the next
+    state: NDArray[np.void]  # EPISODE[B]; fields that the message does not carry are 0
+    curvttc: NDArray[np.float64]  # [B] [s]
+    distance: NDArray[np.float64]  # [B] [m]
+    time: int = 0  # [ns] log time in the bag
 
 
 class Bag:

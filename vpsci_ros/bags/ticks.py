@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
-from vpsci_ros.bags.reader import Bag, opened
-from vpsci_ros.data.gathered import RecordedTick
+from vpsci_ros.bags.reader import Bag, BagTick, opened
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SafetyContent, read_safety_state
@@ -26,7 +25,7 @@ def read_bag(
     start: int = 0,
     stop: int = 2**63 - 1,
     take_events: Callable[[NDArray[Any]], None] | None = None,
-) -> Iterator[RecordedTick]:
+) -> Iterator[BagTick]:
     """Yield every tick of a bag in order.
 
     A bag without the world's states gives what its odometry says: see `vpsci_ros.bags.odometry`.
@@ -90,11 +89,11 @@ def _messages(bag: Bag, topics: tuple[str, ...], start: int, stop: int) -> Itera
         yield raw
 
 
-def _tick(folder: Path, world: StateContent, time: int, safety: SafetyContent | None) -> RecordedTick:
+def _tick(folder: Path, world: StateContent, time: int, safety: SafetyContent | None) -> BagTick:
     tick = world.tick
     curvttc = distance = np.full(len(tick.state), np.nan)
     if safety is not None:
         curvttc, distance, _ = layout.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
-    return RecordedTick(
+    return BagTick(
         number=tick.number, period=world.period, state=tick.state, curvttc=curvttc, distance=distance, time=time
     )

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.bags.episodes import recorded_from_bag
 from vpsci_ros.bags.reader import Bag, opened
-from vpsci_ros.bags.recorded_motion import recorded_from_bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import pick

@@ -21,21 +21,30 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DATASHEET, DESCRIPTION, description_of, file_entry
 from vpsci_ros.data.dataset_tables import (
-    DATASET_COLUMNS,
+    EPISODE_COLUMNS,
     FORMATS,
     INDEX,
     INDEX_COLUMNS,
     REJECTED,
     arrow_rows,
+    episode_columns,
     index_table,
 )
-from vpsci_ros.data.episode_block import JUDGED, KEPT, EpisodeBlock, concat_blocks
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode_block import JUDGED, KEPT, EpisodeBlock, block_of, concat_blocks
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.data.parquet import arrow_schema, as_polars, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json, write_text
+from vpsci_ros.world.scenario import own_documents
 
 ROW_GROUP = 1 << 17
+_FLOATS = [name for name, column in EPISODE_COLUMNS.items() if column.dtype is pl.Float32]
+_ENCODING: dict[str, Any] = {
+    "compression": "zstd",
+    "use_dictionary": [name for name, column in EPISODE_COLUMNS.items() if column.dtype.is_integer()],
+    "use_byte_stream_split": _FLOATS,
+}
 
 
 class EpisodeTable:
@@ -47,20 +56,13 @@ class EpisodeTable:
 
     def __init__(self, path: Path, row_group: int, metadata: Mapping[str, Any]) -> None:
         self._path, self._part = path, path.with_name(f".{path.name}.part")
-        self._schema = arrow_schema(DATASET_COLUMNS, metadata)
-        floats = [name for name, column in DATASET_COLUMNS.items() if column.dtype is pl.Float32]
+        self._schema = arrow_schema(EPISODE_COLUMNS, metadata)
         self._file: pq.ParquetWriter | io.BufferedWriter
         if path.suffix == ".csv":
             self._file = self._part.open("wb")
-            self._file.write((",".join(DATASET_COLUMNS) + "\n").encode())
+            self._file.write((",".join(EPISODE_COLUMNS) + "\n").encode())
         else:
-            self._file = pq.ParquetWriter(
-                self._part,
-                self._schema,
-                compression="zstd",
-                use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
-                use_byte_stream_split=floats,
-            )
+            self._file = pq.ParquetWriter(self._part, self._schema, **_ENCODING)
         self._row_group = row_group
         self._left = self._schema.empty_table()
         self.rows = 0
@@ -164,7 +166,7 @@ class DatasetWriter:
     def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
         """Write filtered episodes of a scenario, kept and rejected ones apart, with numbers above those written before.
 
-        :param records: JUDGED[n]; `rows`: those of the stored episodes, one after the other (`DATASET_COLUMNS`), which
+        :param records: JUDGED[n]; `rows`: those of the stored episodes, one after the other (`EPISODE_COLUMNS`), which
             are the kept ones alone unless `keep_rejected`.
         """
         by_kept = {True: rows}
@@ -239,3 +241,21 @@ def write_blocks(writer: DatasetWriter, blocks: Iterable[EpisodeBlock]) -> int:
         writer.begin(number)
         writer.write(number, whole.records, arrow_rows(whole))
     return sum(len(block) for parts in found.values() for block in parts)
+
+
+def write_episodes(path: Path, episodes: Sequence[Episode], **facts: Any) -> None:
+    """Write simulated episodes of one period as one Parquet file in float64, from which they are read bit-identically.
+
+    :param facts: JSON values that `read_metadata` returns by these names.
+    """
+    block, columns = block_of(episodes), episode_columns(np.float64)
+    roads = {each.scenario.number: each.scenario for each in episodes if each.scenario is not None}
+    facts |= {
+        "listed": [each.listed for each in episodes],
+        "kinds": [each.kinds for each in episodes],
+        "period": episodes[0].period if episodes else 0.0,
+        "own_scenarios": own_documents(roads.values()),
+    }
+    with atomic_write(path) as part:
+        rows = arrow_rows(block).cast(arrow_schema(columns, facts))
+        pq.write_table(rows, part, write_page_checksum=True, **_ENCODING)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS
 from vpsci_ros.data.episode_block import JUDGED, KEPT, RANGES, REASONS
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.documents import Form
@@ -132,7 +132,7 @@ def description_of(
         "filters": asdict(filters),
         "unfinished": unfinished,
         "scenarios": {name: {"number": number, **counts_of(own)} for name, (number, own) in records.items()},
-        "columns": {n: {"unit": c.unit, "description": c.description} for n, c in DATASET_COLUMNS.items()},
+        "columns": {n: {"unit": c.unit, "description": c.description} for n, c in EPISODE_COLUMNS.items()},
         "files": dict(files),
         "versions": software_versions(),
     }

@@ -1,7 +1,7 @@
-"""A dataset folder read back: its description, its index, its rows and its episodes, a row group at a time."""
+"""Stored episodes read back: a dataset's folder, a row group at a time, and the file of a run of an exam."""
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -9,23 +9,21 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION, FORM
 from vpsci_ros.data.dataset_tables import (
-    DATASET_COLUMNS,
+    EPISODE_COLUMNS,
     FORMATS,
     INDEX,
     INDEX_COLUMNS,
+    NEXT_PEDESTRIAN,
+    NEXT_SCENARIO,
     REJECTED,
-    pieces,
 )
-from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
-from vpsci_ros.data.episode_block import QUANTITIES
-from vpsci_ros.data.parquet import open_parquet, read_bounded, read_parquet
+from vpsci_ros.data.episode import QUANTITIES, Episode, Key, Listed
+from vpsci_ros.data.parquet import open_parquet, read_bounded, read_metadata, read_parquet
 from vpsci_ros.documents import read_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.safety import curvature_from_yaw_rate
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.scenario import every_scenario, own_scenarios
 
@@ -97,34 +95,15 @@ class Dataset:
         groups = {one.group for one in listed.values()}
         for name in (scenario,) if scenario else self.scenarios:
             if name in groups:
-                number = int(self.scenarios[name]["number"])
                 for path, part in self._parts(name, rejected=rejected):
-                    if part.height:
-                        yield from self._episodes(part, path, number, listed)
-
-    def _episodes(
-        self, rows: pl.DataFrame, path: Path, scenario: int, listed: Mapping[Key, Listed]
-    ) -> Iterator[Episode]:
-        count, values = rows["count"].to_numpy(), rows.select(QUANTITIES).to_numpy()
-        for begin, end, people in pieces(rows, path):
-            if (one := listed.get((scenario, int(count[begin])))) is not None:
-                columns = values[begin:end].reshape(people, -1, len(QUANTITIES)).transpose(2, 0, 1)
-                yield self._episode(one, columns.astype(np.float64))
+                    yield from episodes_in(
+                        part, path, listed, self._roads, self.period, str(self.folder), marks=self._marks
+                    )
 
     @cached_property
-    def _beyond(self) -> set[Key]:
-        return set(self.index().filter(pl.col("range") == "beyond").select("scenario", "count").rows())
-
-    def _episode(self, listed: Listed, columns: NDArray[np.float64]) -> Episode:
-        """Return an episode of columns float64[10, n, T]; the vehicle moves along its heading."""
-        x, y, vx, vy = columns[:4, 0]
-        heading, speed = headings(filled(vx), filled(vy)), np.hypot(vx, vy)
-        rate = np.gradient(filled(heading), self.period) if len(x) > 1 else np.zeros(1)
-        vehicle = x, y, heading, speed, curvature_from_yaw_rate(rate, filled(speed))
-        px, py, pvx, pvy, distance, curvttc = columns[4:]
-        walk = px, py, pvx, pvy, curvttc, distance, np.zeros(px.shape, np.bool_)
-        found = Episode(str(self.folder), listed, self._roads.get(listed.group), self.period, *vehicle, *walk)
-        return replace(found, marks=("beyond_range",)) if listed.key in self._beyond else found
+    def _marks(self) -> dict[Key, tuple[str, ...]]:
+        beyond = self.index().filter(pl.col("range") == "beyond").select("scenario", "count").rows()
+        return dict.fromkeys(beyond, ("beyond_range",))
 
     def holds_rejected(self, name: str) -> bool:
         """Whether the dataset holds the rejected episodes of a scenario (`dataset.keep_rejected`)."""
@@ -158,7 +137,7 @@ def file_table(path: Path) -> pl.DataFrame:
 def file_rows(path: Path) -> Iterator[pl.DataFrame]:
     """Yield the rows of a dataset's file, a row group at a time (a CSV file in one piece).
 
-    :raises InvalidInput: damaged, or not a table with the columns of Table 7.
+    :raises InvalidInput: damaged, or not a table with `EPISODE_COLUMNS`.
     """
     row = 0
     require_regular(path)
@@ -169,12 +148,91 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
         with open_parquet(path) as file:
             for group in range(file.num_row_groups):
                 part = read_bounded(file, group)
-                yield part.select(list(DATASET_COLUMNS))
+                yield part.select(list(EPISODE_COLUMNS))
                 row += part.height
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError) as error:
         raise InvalidInput(
-            f"{path}: expected the columns of Table 7, not readable as such from row {row} on: {reason(error)}"
+            f"{path}: expected the columns of an episode ({', '.join(EPISODE_COLUMNS)}), not readable as such from row "
+            f"{row} on: {reason(error)}"
         ) from error
 
 
-_SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}
+def episodes_in(
+    rows: pl.DataFrame,
+    path: Path,
+    listed: Mapping[Key, Listed],
+    roads: Mapping[str, Scenario],
+    period: float,
+    source: str = "",
+    *,
+    kinds: Mapping[Key, Sequence[str]] | None = None,
+    marks: Mapping[Key, tuple[str, ...]] | None = None,
+) -> Iterator[Episode]:
+    """Yield the listed episodes of rows with `EPISODE_COLUMNS`.
+
+    :param rows: of whole episodes; `path`: of their file, the opening of an error message.
+    :param listed: metadata of the wanted episodes, `kinds` of their pedestrians, and `marks`, by their keys.
+    :param roads: scenarios by name.
+    :raises InvalidInput: frames that do not count from 0 for each pedestrian.
+    """
+    values = rows.select(pl.col(*QUANTITIES).cast(pl.Float64)).to_numpy()
+    for key, begin, end, people in _pieces(rows, path):
+        if (one := listed.get(key)) is not None:
+            own = values[begin:end].reshape(people, -1, len(QUANTITIES))
+            more = {"kinds": tuple((kinds or {}).get(key, ())), "marks": (marks or {}).get(key, ())}
+            yield Episode.from_values(source or str(path), one, roads.get(one.group), period, own, **more)
+
+
+def _pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[Key, int, int, int]]:
+    """Yield each episode's key, first row, the row after its last row, and its number of pedestrians."""
+    scenario, count, frame, walker = (rows[name].to_numpy() for name in ("scenario", "count", "frame", "ped_id"))
+    if not len(count):
+        return
+    changes = np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0])
+    starts = np.flatnonzero(changes)
+    expected = np.arange(len(count)) - np.repeat(starts, np.diff(np.append(starts, len(count))))
+    if not np.array_equal(expected, frame):
+        row = int(np.argmax(expected != frame))
+        raise InvalidInput(f"{path}: frame {frame[row]} of episode {count[row]}: expected frame {expected[row]}")
+    first = np.flatnonzero(walker[starts] % NEXT_SCENARIO // NEXT_PEDESTRIAN == 0)  # of the starts, an episode's
+    several = np.diff(np.append(first, len(starts)))
+    begins = np.append(starts[first], len(count))
+    keys = zip(scenario[begins[:-1]].tolist(), count[begins[:-1]].tolist(), strict=True)
+    for key, (begin, end), people in zip(keys, itertools.pairwise(begins.tolist()), several.tolist(), strict=True):
+        yield key, begin, end, people
+
+
+FRAMES = "frames.parquet"  # of a run of an exam
+
+
+class EpisodeFile:
+    """Simulated episodes in one Parquet file, as `write_episodes` writes it.
+
+    :ivar facts: what else was stored.
+    :ivar listed: the episodes without their motion.
+    :ivar period: time from one frame to the next [s].
+    :raises InvalidInput: it cannot be read, or holds something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.facts = path, read_metadata(path)
+        try:
+            self.listed = [Listed(*each) for each in self.facts["listed"]]
+            self.period = float(self.facts["period"])
+            self._kinds = {one.key: kinds for one, kinds in zip(self.listed, self.facts["kinds"], strict=True)}
+            self.own_scenarios = own_scenarios(self.facts["own_scenarios"], str(path))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f"{path}: not readable as episodes of a run ({reason(error)}); drive it again") from None
+
+    def read(self) -> Iterator[Episode]:
+        """Yield the episodes.
+
+        :raises InvalidInput: the rows cannot be read.
+        """
+        rows = read_parquet(self.path, "the episodes of a run", EPISODE_COLUMNS)
+        roads = {scenario.name: scenario for scenario in every_scenario(self.facts["own_scenarios"])}
+        listed = {one.key: one for one in self.listed}
+        yield from episodes_in(rows, self.path, listed, roads, self.period, kinds=self._kinds)
+
+
+_SCHEMA = {name: column.dtype for name, column in EPISODE_COLUMNS.items()}

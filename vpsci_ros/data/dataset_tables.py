@@ -1,36 +1,30 @@
-"""The tables of a dataset: their columns, and the rows of an episode in each.
+"""The tables of a dataset: their columns, and the rows of a block of episodes.
 
 CurvTTC is infinite where no contact is predicted within the horizon ("inf" in CSV, which pandas, polars, numpy and R
 read as infinity); the authors do not say how their files write this. Values that were not observed are NaN. `count` is
-the number of the episode within its scenario, with which the episode can be simulated again; `veh_id` and `ped_id` are
-2 count and 2 count + 1, so that no two agents of a file share an id. `ped_id` of pedestrian n of an episode, from 0, is
-2^33 n larger, and the rows of pedestrian n + 1 follow the rows of pedestrian n.
+the number of the episode within its scenario, with which the episode can be simulated again.
 """
-
-import itertools
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pyarrow as pa
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from vpsci_ros.data.episode import QUANTITIES
 from vpsci_ros.data.episode_block import RANGES, REASONS, EpisodeBlock
 from vpsci_ros.data.parquet import Column, arrow_schema
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import OUTCOME_NAMES
 
 Numbers = NDArray[np.int64]
 FORMATS = ("parquet", "csv")
 INDEX = "episodes.parquet"
 REJECTED = "rejected"  # folder of the rejected episodes, where they are stored
-NEXT_PEDESTRIAN = 2**33  # from one pedestrian's `ped_id` to the next one's
-DATASET_COLUMNS: dict[str, Column] = {
+NEXT_PEDESTRIAN, NEXT_SCENARIO = 10**10, 10**12  # steps of `ped_id`, and of both identifiers
+EPISODE_COLUMNS: dict[str, Column] = {
     "count": Column(pl.Int64, "", "interaction episode index: number of the episode within its scenario"),
     "frame": Column(pl.Int32, "", "frame number within the episode, 0 at the spawn"),
-    "veh_id": Column(pl.Int64, "", "unique vehicle identifier"),
-    "ped_id": Column(pl.Int64, "", "unique pedestrian identifier"),
+    "veh_id": Column(pl.Int64, "", "vehicle identifier, unique in the dataset"),
+    "ped_id": Column(pl.Int64, "", "pedestrian identifier, unique in the dataset"),
     "position_x_av": Column(pl.Float32, "m", "vehicle position, east"),
     "position_y_av": Column(pl.Float32, "m", "vehicle position, north"),
     "velocity_x_av": Column(pl.Float32, "m/s", "vehicle velocity, east"),
@@ -41,7 +35,18 @@ DATASET_COLUMNS: dict[str, Column] = {
     "velocity_y_ped": Column(pl.Float32, "m/s", "pedestrian velocity, north"),
     "distance": Column(pl.Float32, "m", "distance between the centres of vehicle and pedestrian"),
     "CurvTTC": Column(pl.Float32, "s", "curvilinear time to collision, infinity where none is predicted"),
+    "scenario": Column(pl.Int32, "", "number of the scenario; 1 to 8 are those of Table 6"),
+    "heading_av": Column(pl.Float32, "rad", "vehicle heading, counter-clockwise from x, without jumps"),
+    "speed_av": Column(pl.Float32, "m/s", "vehicle speed along its heading"),
+    "curvature_av": Column(pl.Float32, "1/m", "curvature of the vehicle's path, positive to the left"),
+    "controlled": Column(pl.Boolean, "", "the policies control the vehicle and this pedestrian"),
+    "seen": Column(pl.Boolean, "", "the vehicle sees the pedestrian, whom no parked vehicle hides"),
 }
+"""Columns of stored episodes, a row a frame and pedestrian: those of Table 7 as published, then further ones.
+
+An exam stores the floats as float64. The pedestrians of an episode follow one after the other.
+"""
+TABLE_7 = tuple(EPISODE_COLUMNS)[:14]
 INDEX_COLUMNS: dict[str, Column] = {
     "scenario": Column(pl.Int32, "", "number of the scenario; 1 to 8 are those of Table 6"),
     "count": Column(pl.Int64, "", "number of the episode within its scenario"),
@@ -60,24 +65,41 @@ INDEX_COLUMNS: dict[str, Column] = {
 }
 
 
-def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
-    """Return `veh_id` and `ped_id` of rows, int64[n] each.
+def episode_columns(floats: DTypeLike = np.float32) -> dict[str, Column]:
+    """Return `EPISODE_COLUMNS` with floats of this type, float32 or float64."""
+    if floats == np.float32:
+        return EPISODE_COLUMNS
+    return {
+        name: column._replace(dtype=pl.Float64) if column.dtype is pl.Float32 else column
+        for name, column in EPISODE_COLUMNS.items()
+    }
 
-    :param count: int64[n], number of the episode; `pedestrian`: int64[n], number of the pedestrian within it.
+
+def agent_ids(scenario: Numbers, count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
+    """Return `veh_id` and `ped_id` of rows, int64[n] each, unique in a dataset.
+
+    :param scenario, count, pedestrian: int64[n], numbers of the scenario, of the episode within it, and of the
+        pedestrian within the episode.
     """
-    return 2 * count, 2 * count + 1 + pedestrian * NEXT_PEDESTRIAN
+    vehicle = scenario * NEXT_SCENARIO + 2 * count
+    return vehicle, vehicle + 1 + pedestrian * NEXT_PEDESTRIAN
 
 
 def arrow_rows(block: EpisodeBlock) -> pa.Table:
-    """Return the rows of the stored episodes as an Arrow table with `DATASET_COLUMNS`."""
+    """Return the rows of the stored episodes with `EPISODE_COLUMNS`, floats of the type of the block's values."""
     several = np.where(block.records["rows"] > 0, block.records["pedestrians"], 0)
     lengths = np.repeat(block.records["frames"], several)  # a pair each
-    count = np.repeat(np.repeat(block.records["count"], several), lengths)
+    count, scenario = (np.repeat(block.records[name], several) for name in ("count", "scenario"))
     person = np.arange(len(lengths)) - np.repeat(np.cumsum(several) - several, several)
+    vehicle, walker = agent_ids(scenario.astype(np.int64), count, person)
+    places = (count, vehicle, walker, scenario.astype(np.int32))
+    count, vehicle, walker, scenario = (np.repeat(each, lengths) for each in places)
     frame = (np.arange(len(count)) - np.repeat(np.cumsum(lengths) - lengths, lengths)).astype(np.int32)
-    ids = agent_ids(count, np.repeat(person, lengths))
-    columns = [count, frame, *ids, *(np.ascontiguousarray(each) for each in block.values.T)]
-    return pa.table([pa.array(column) for column in columns], schema=arrow_schema(DATASET_COLUMNS, {}))
+    columns = dict(zip(QUANTITIES, np.ascontiguousarray(block.values.T), strict=True))
+    columns |= {"count": count, "frame": frame, "veh_id": vehicle, "ped_id": walker, "scenario": scenario}
+    columns |= {name: columns[name] == 1.0 for name in ("controlled", "seen")}
+    schema = arrow_schema(episode_columns(block.values.dtype), {})
+    return pa.table([pa.array(columns[name]) for name in EPISODE_COLUMNS], schema=schema)
 
 
 def index_table(records: NDArray[np.void]) -> pl.DataFrame:
@@ -90,28 +112,3 @@ def index_table(records: NDArray[np.void]) -> pl.DataFrame:
     )
     schema = {name: column.dtype for name, column in INDEX_COLUMNS.items()}
     return named.cast(schema).sort("scenario", "count")  # type: ignore[arg-type]
-
-
-def pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[int, int, int]]:
-    """Yield each episode's first row, the row after its last row, and its number of pedestrians.
-
-    :param rows: of whole episodes, of one scenario or with a column "scenario".
-    :param path: the opening of the error message.
-    :raises InvalidInput: frames that do not count from 0 for each pedestrian.
-    """
-    count, frame, walker = (rows[name].to_numpy() for name in ("count", "frame", "ped_id"))
-    if not len(count):
-        return
-    changes = np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0])
-    if "scenario" in rows.columns:
-        changes |= np.diff(rows["scenario"].to_numpy(), prepend=rows["scenario"][0])
-    starts = np.flatnonzero(changes)
-    expected = np.arange(len(count)) - np.repeat(starts, np.diff(np.append(starts, len(count))))
-    if not np.array_equal(expected, frame):
-        row = int(np.argmax(expected != frame))
-        raise InvalidInput(f"{path}: frame {frame[row]} of episode {count[row]}: expected frame {expected[row]}")
-    first = np.flatnonzero(walker[starts] // NEXT_PEDESTRIAN == 0)  # of the starts, those of an episode
-    several = np.diff(np.append(first, len(starts)))
-    begins = np.append(starts[first], len(count))
-    for (begin, end), people in zip(itertools.pairwise(begins.tolist()), several.tolist(), strict=True):
-        yield begin, end, people

@@ -1,7 +1,8 @@
 """An episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets.
 
-Near-miss tables, datasets, bags and simulations are read as `Episode`, the type for work on single episodes;
-`view.episode_sources.read_episodes` reads any of them. Values that were not observed are NaN; `filled` replaces these.
+`Episode` is the type for work on single episodes. Datasets, exams and exported bags store them in one table,
+`dataset_tables.EPISODE_COLUMNS`. `view.episode_sources.read_episodes` reads near-miss tables, datasets, bags and exams.
+Values that were not observed are NaN; `filled` replaces these.
 """
 
 import itertools
@@ -23,7 +24,27 @@ YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielde
 STANDING = 1e-3  # [m/s] below which a velocity has no direction
 _MOTION = ("x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy", "distance")
 BATCH = 512  # episodes that are classified at once
-_OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
+_OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled", "seen")
+NO_SCENARIO = 0  # number that stands for none: of a bag that holds odometry alone
+
+QUANTITIES = (
+    "position_x_av",
+    "position_y_av",
+    "velocity_x_av",
+    "velocity_y_av",
+    "position_x_ped",
+    "position_y_ped",
+    "velocity_x_ped",
+    "velocity_y_ped",
+    "distance",
+    "CurvTTC",
+    "heading_av",
+    "speed_av",
+    "curvature_av",
+    "controlled",
+    "seen",
+)
+"""The columns of stored episodes that change from frame to frame, see `vpsci_ros.data.dataset_tables`."""
 
 
 class Listed(NamedTuple):
@@ -43,6 +64,11 @@ class Listed(NamedTuple):
     outcome: str
     least_curvttc: float
 
+    @classmethod
+    def simulated(cls, key: Key, scenario: Scenario | None, outcome: str, least_curvttc: float) -> "Listed":
+        """Return the metadata of a simulated episode; its group is a placeholder where the scenario is unknown."""
+        return cls(f"{key[0]}:{key[1]}", group_of(key[0], scenario), *key, outcome, least_curvttc)
+
     @property
     def label(self) -> str:
         """Name of the episode for files, unique in its source: "LocationA_PedCross_S-N_000012"."""
@@ -52,6 +78,11 @@ class Listed(NamedTuple):
     def key(self) -> Key:
         """Number of the scenario (0 for none) and number of the episode."""
         return self.scenario, self.number
+
+
+def group_of(number: int, scenario: Scenario | None) -> str:
+    """Return the name of a scenario, or a placeholder if it is unknown."""
+    return scenario.name if scenario else "odometry" if number == NO_SCENARIO else f"scenario_{number}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +102,8 @@ class Episode:
     :ivar curvttc: float64[n, T] [s], infinity where no contact is predicted, NaN where it was not computed.
     :ivar distance: float64[n, T] [m] between the centres.
     :ivar controlled: bool[n, T], the policies control the vehicle and this pedestrian.
+    :ivar seen: bool[n, T], no parked vehicle hides the pedestrian; false where the frame was not observed.
+    :ivar kinds: of the pedestrians, of `vpsci_ros.world.kinds.KINDS`; empty where its source does not hold them.
     :ivar length, width, radius: footprints [m].
     :ivar marks: labels that its source gives it, such as "standing".
     """
@@ -91,10 +124,34 @@ class Episode:
     curvttc: Floats
     distance: Floats
     controlled: NDArray[np.bool_]
+    seen: NDArray[np.bool_]
     length: float = VEHICLE_LENGTH
     width: float = VEHICLE_WIDTH
     radius: float = PEDESTRIAN_RADIUS
     marks: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+
+    @classmethod
+    def from_values(
+        cls, source: str, listed: Listed, scenario: Scenario | None, period: float, values: NDArray[Any], **more: Any
+    ) -> "Episode":
+        """Return the episode of values[n, T, 15], `QUANTITIES` of its pedestrians; it begins at its first known frame.
+
+        :param more: `marks`, `kinds` and sizes.
+        """
+        x, y, _, _, px, py, pvx, pvy, distance, curvttc, heading, speed, curvature, controlled, seen = (
+            np.ascontiguousarray(np.moveaxis(values, -1, 0)[..., _first_known(values) :], np.float64)
+        )
+        vehicle = x[0], y[0], directions(heading[0], ~np.isnan(heading[0])), speed[0], curvature[0]
+        walk = px, py, pvx, pvy, curvttc, distance, controlled == 1.0, seen == 1.0
+        return cls(source, listed, scenario, period, *vehicle, *walk, **more)
+
+    def values(self) -> Floats:
+        """Return `QUANTITIES` of the pedestrians, float64[n, T, 15], as `from_values` takes them."""
+        vehicle = self.x, self.y, self.vx, self.vy
+        walk = self.ped_x, self.ped_y, self.ped_vx, self.ped_vy, self.distance, self.curvttc
+        columns = *vehicle, *walk, self.heading, self.speed, self.curvature, self.controlled, self.seen
+        return np.stack([np.broadcast_to(each, self.ped_x.shape) for each in columns], axis=-1).astype(np.float64)
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -174,7 +231,7 @@ class Episode:
         """Return the vehicle with one of the pedestrians alone; None: the most critical one."""
         i = self.most_critical if pedestrian is None else pedestrian
         own: dict[str, Any] = {name: getattr(self, name)[i : i + 1] for name in _OF_PEDESTRIANS}
-        return replace(self, **own)
+        return replace(self, kinds=self.kinds[i : i + 1], **own)
 
     def pairs(self) -> list["Episode"]:
         """Return the vehicle with each of the pedestrians."""
@@ -188,6 +245,11 @@ class Episode:
     def yielded(self) -> int:
         """Return who gave way to whom, vehicle and most critical pedestrian, as a code of `Yielded`."""
         return int(yields([self])[0])
+
+
+def _first_known(values: NDArray[Any]) -> int:
+    """Return the first frame in which any agent of values[n, T, 15] has a position; 0 if there is none."""
+    return int((~np.isnan(values[..., [0, 4]])).any(axis=(0, 2)).argmax())
 
 
 def batches(episodes: Iterable[Episode], size: int = BATCH) -> Iterator[list[Episode]]:

@@ -5,29 +5,23 @@ is one buffer for the running episodes and for the ended episodes that were not 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from vpsci_ros.data.episode import QUANTITIES, Episode, Floats, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world import Scenario
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import ENDED, IDLE
+from vpsci_ros.world.crowd import MOST
+from vpsci_ros.world.kinds import KINDS
+from vpsci_ros.world.parked import in_sight, parked_from
+from vpsci_ros.world.state import ENDED, IDLE, NONE, OUTCOME_NAMES
 
-QUANTITIES = (
-    "position_x_av",
-    "position_y_av",
-    "velocity_x_av",
-    "velocity_y_av",
-    "position_x_ped",
-    "position_y_ped",
-    "velocity_x_ped",
-    "velocity_y_ped",
-    "distance",
-    "CurvTTC",
-)
 KEPT = 0
 REASONS = (
     "kept",
@@ -51,6 +45,7 @@ JUDGED = np.dtype(
         ("vehicle_path", np.float64),  # [m] length of the trajectory, of the pair that decides
         ("pedestrian_path", np.float64),  # [m]
         ("range", np.uint8),  # index into `RANGES`
+        ("kinds", np.uint8, MOST),  # of the pedestrians, indices into `KINDS`
     ]
 )
 """The record of an ended episode; `apply_filters` sets `failed`, `reason`, `least_curvttc` and both paths."""
@@ -58,8 +53,25 @@ RANGES = ("", "within", "beyond")  # "": no recorded people act, or they are not
 
 _SLOT = np.dtype([("episode", "i8"), ("place", "i8"), ("scenario", "u1"), ("open", "?")], align=True)
 _PLACE = np.dtype(
-    [("episode", "i8"), ("frames", "i8"), ("scenario", "u1"), ("outcome", "u1"), ("pedestrian", "u1")], align=True
+    [("episode", "i8"), ("frames", "i8"), ("scenario", "u1"), ("outcome", "u1"), ("pedestrian", "u1"), ("kind", "u1")],
+    align=True,
 )
+
+
+class SeenTick(Protocol):
+    """A tick of the loop or of a bag."""
+
+    @property
+    def state(self) -> NDArray[np.void]:
+        """EPISODE[B]."""
+
+    @property
+    def curvttc(self) -> Floats:
+        """float64[B] [s]; NaN where nobody has computed it."""
+
+    @property
+    def distance(self) -> Floats:
+        """float64[B] [m] between the centres; NaN likewise."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +79,12 @@ class EpisodeBlock:
     """A block of n episodes as arrays.
 
     :ivar records: JUDGED[n].
-    :ivar values: float32[rows, 10], `QUANTITIES` in map frame [m, m/s, s] of the episodes that are stored, one after
-        the other, and in each one pedestrian after the other; NaN in frames that nobody saw.
+    :ivar values: float32 or float64[rows, 15], `QUANTITIES` in map frame of the episodes that are stored, one after the
+        other, and in each one pedestrian after the other; NaN in frames that nobody saw.
     """
 
     records: NDArray[np.void]
-    values: NDArray[np.float32]
+    values: NDArray[np.floating[Any]]
 
     def __len__(self) -> int:
         return len(self.records)
@@ -99,13 +111,48 @@ class EpisodeBlock:
         """Return the episodes; those that are rejected lose their rows, unless `keep_rejected`."""
         stored, records = self.kept | keep_rejected, self.records.copy()
         records["rows"] = np.where(stored, records["rows"], 0)
+        if stored.all():
+            return self
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
+
+    def episodes(self, period: float, scenarios: Iterable[Scenario], source: str = "") -> Iterator[Episode]:
+        """Yield the stored episodes.
+
+        :param period: time from one frame to the next [s].
+        :param scenarios: those that may occur, found by their numbers.
+        :param source: what the episodes come from, the opening of an error message.
+        """
+        roads = {scenario.number: scenario for scenario in scenarios}
+        ends = np.cumsum(self.records["rows"]).tolist()
+        for record, end in zip(self.records, ends, strict=True):
+            if len(rows := self.values[end - record["rows"] : end]):
+                key, people = (int(record["scenario"]), int(record["count"])), int(record["pedestrians"])
+                values = rows.reshape(people, -1, len(QUANTITIES))
+                curvttc = values[..., QUANTITIES.index("CurvTTC")]
+                least = float(np.fmin.reduce(curvttc, axis=None, initial=np.inf))
+                listed = Listed.simulated(key, roads.get(key[0]), OUTCOME_NAMES[record["outcome"]], least)
+                kinds = tuple(KINDS[kind] for kind in record["kinds"][:people])
+                yield Episode.from_values(source, listed, roads.get(key[0]), period, values, kinds=kinds)
+
+
+def block_of(episodes: Sequence[Episode]) -> EpisodeBlock:
+    """Return simulated episodes as a block of float64 values, from which `EpisodeBlock.episodes` makes them again."""
+    records = np.zeros(len(episodes), JUDGED)
+    for record, episode in zip(records, episodes, strict=True):
+        record["scenario"], record["count"] = episode.key
+        record["outcome"] = OUTCOME_NAMES.index(episode.outcome)
+        record["frames"], record["pedestrians"] = len(episode), episode.pedestrians
+        record["kinds"][: len(episode.kinds)] = [KINDS.index(kind) for kind in episode.kinds]
+    records["rows"] = records["frames"] * records["pedestrians"]
+    values = [episode.values().reshape(-1, len(QUANTITIES)) for episode in episodes]
+    return EpisodeBlock(records, np.concatenate([np.zeros((0, len(QUANTITIES))), *values]))
 
 
 def concat_blocks(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
     """Return the episodes of several blocks as one, in the order of their scenarios and numbers."""
     records = np.concatenate([np.zeros(0, JUDGED), *(block.records for block in blocks)])
-    values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *(block.values for block in blocks)])
+    width = np.zeros((0, len(QUANTITIES)), np.float32)
+    values = np.concatenate([width, *(block.values for block in blocks)])
     order, ends = np.lexsort((records["count"], records["scenario"])), np.cumsum(records["rows"])
     if (order == np.arange(len(order))).all():
         return EpisodeBlock(records, values)
@@ -120,41 +167,66 @@ class EpisodeFrames:
 
     :param frames: room for so many frames an episode at first; it grows by itself.
     :param waiting: room for so many ended episodes that are not taken yet; it grows by itself.
+    :param floats: type of the values.
+    :param scenarios: whose parked vehicles hide pedestrians (`seen`).
+    :param broken_off: also return episodes that another one has replaced in their slot, with the outcome "none".
     """
 
-    def __init__(self, batch: int, frames: int = 256, waiting: int = 0) -> None:
-        self._batch = batch
-        self._values: NDArray[np.float32] = np.full((batch + waiting, frames, len(QUANTITIES)), np.nan, np.float32)
+    def __init__(
+        self,
+        batch: int,
+        frames: int = 256,
+        waiting: int = 0,
+        *,
+        floats: DTypeLike = np.float32,
+        scenarios: Sequence[Scenario] = (),
+        broken_off: bool = False,
+    ) -> None:
+        self._batch, self._broken_off = batch, broken_off
+        self._values = np.empty((batch + waiting, frames, len(QUANTITIES)), floats)
         self._slots, self._places = np.zeros(batch, _SLOT), np.zeros(batch + waiting, _PLACE)
         self._slots["episode"] = -1  # no episode has this number
         self._free, self._ended = np.arange(batch + waiting), np.zeros(batch + waiting, np.int64)
         self._counts = np.array([batch + waiting, 0, 0])  # of `_free`, of `_ended`, of episodes broken off
+        self._parked, self._everybody = parked_from(scenarios), np.ones(batch, np.bool_)
 
     @property
     def unfinished(self) -> int:
         """Number of episodes whose end was not seen: still running, or replaced by another episode in their slot."""
         return int(self._slots["open"].sum() + self._counts[2])
 
-    def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBlock:
+    def add(self, tick: SeenTick) -> EpisodeBlock:
         """Process one tick and return the episodes that end at it (usually none); see `store`."""
-        self.store(state, curvttc, distance)
+        self.store(tick)
         return self.take()
 
-    def store(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> int:
-        """Process one tick and return how many ended episodes `take` would return.
+    def store(self, tick: SeenTick) -> int:
+        """Process one tick and return how many ended pairs `take` would return.
 
-        :param state: EPISODE[batch] records of the tick; an ended one counts once, however often it is shown.
-        :param curvttc: float64[batch] [s], `distance`: float64[batch] [m], of the same tick.
+        An ended episode counts once, however often it is shown; one of which only the end is shown does not count.
+
         :raises InvalidInput: arrays that are not of the collector's batch.
         """
+        state, curvttc, distance = tick.state, tick.curvttc, tick.distance
         if not len(state) == len(curvttc) == len(distance) == self._batch:
             raise InvalidInput(
                 f"expected {self._batch} parallel episodes, got {len(state)} states, {len(curvttc)} CurvTTC and "
                 f"{len(distance)} distances; one collector serves one batch size"
             )
-        self._make_room(int(self._counts[1]) + self._batch, int(state["frame"].max(initial=0)) + 1)
-        _store(state, curvttc, distance, self._slots, self._places, self._values, self._free, self._ended, self._counts)
+        room = self._batch * (2 if self._broken_off else 1)
+        self._make_room(int(self._counts[1]) + room, int(state["frame"].max(initial=0)) + 1)
+        seen = self._everybody if self._parked is None else in_sight(state, self._parked)
+        of_tick = state, curvttc, distance, seen
+        memory = self._slots, self._places, self._values, self._free, self._ended, self._counts
+        _store(*of_tick, *memory, self._broken_off)
         return int(self._counts[1])
+
+    def finish(self) -> None:
+        """End the episodes that still run, so that `take` returns them, with the outcome "none"."""
+        for slot in self._slots[self._slots["open"]]:
+            self._ended[self._counts[1]] = slot["place"]
+            self._counts[1] += 1
+        self._slots["open"] = False
 
     def take(self) -> EpisodeBlock:
         """Return the ended episodes that were not returned yet, in the order of their ends."""
@@ -166,10 +238,12 @@ class EpisodeFrames:
             records[name] = of[own][first]
         records["pedestrians"] = np.diff(np.append(first, count))
         records["rows"] = records["frames"] * records["pedestrians"]
-        there = np.arange(of["frames"].max(initial=0)) < of["frames"][:, None]
+        records["kinds"][np.repeat(np.arange(len(first)), records["pedestrians"]), of["pedestrian"]] = of["kind"]
+        parts = [self._values[place, :frames] for place, frames in zip(places, of["frames"], strict=True)]
+        values = np.concatenate(parts) if parts else self._values[0, :0]
         self._free[free : free + count] = places
         self._counts[:2] = free + count, 0
-        return EpisodeBlock(records, self._values[places, : there.shape[1]][there])
+        return EpisodeBlock(records, values)
 
     def _make_room(self, places: int, frames: int) -> None:
         """Grow the buffer to at least so many places, and so many frames in each place."""
@@ -177,7 +251,7 @@ class EpisodeFrames:
         if places <= before and frames <= room:
             return
         shape = max(places, before), room if frames <= room else max(frames, 2 * room)
-        values = np.full((*shape, width), np.nan, np.float32)
+        values = np.empty((*shape, width), self._values.dtype)
         values[:before, :room] = self._values
         more = np.arange(before, shape[0])
         self._free = np.concatenate([self._free[: self._counts[0]], more, self._free[self._counts[0] :]])
@@ -187,30 +261,57 @@ class EpisodeFrames:
         self._values = values
 
 
+def ended_episodes(
+    ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], *, source: str = "", all_: bool = False
+) -> Iterator[Episode]:
+    """Yield the episodes of ticks in float64, each when it ends.
+
+    :param period, scenarios, source: see `EpisodeBlock.episodes`.
+    :param all_: also episodes whose end is not shown.
+    """
+    frames = None
+    for tick in ticks:
+        frames = frames or EpisodeFrames(len(tick.state), floats=np.float64, scenarios=scenarios, broken_off=all_)
+        if frames.store(tick):
+            yield from frames.take().episodes(period, scenarios, source)
+    if frames is not None and all_:
+        frames.finish()
+        yield from frames.take().episodes(period, scenarios, source)
+
+
 @kernel
-def _store(state, curvttc, distance, slots, places, values, free, ended, counts):  # type: ignore[no-untyped-def]
+def _store(state, curvttc, distance, seen, slots, places, values, free, ended, counts, broken_off):  # type: ignore[no-untyped-def] # fmt: skip
     """Copy one tick to the places of its episodes; give a place to each new episode, and list the ended ones."""
     for i in range(state.size):
         record, slot = state[i], slots[i]
         if record.status == IDLE:
             continue
         if record.episode != slot.episode or record.scenario != slot.scenario:
-            if slot.open:
+            if slot.open and not broken_off:
                 counts[2] += 1
             else:
+                if slot.open:
+                    ended[counts[1]] = slot.place
+                    counts[1] += 1
                 counts[0] -= 1
                 slot.place = free[counts[0]]
-            place = places[slot.place]
-            for f in range(place.frames):
-                for k in range(values.shape[2]):
-                    values[slot.place, f, k] = np.nan
-            place.scenario, place.episode, place.pedestrian, place.frames = (
-                record.scenario, record.episode, record.pedestrian, 0,
-            )  # fmt: skip
             slot.scenario, slot.episode, slot.open = record.scenario, record.episode, True
+            place = places[slot.place]
+            place.scenario, place.episode, place.pedestrian, place.kind, place.outcome, place.frames = (
+                record.scenario, record.episode, record.pedestrian, record.kind, NONE, 0,
+            )  # fmt: skip
+            if record.status == ENDED and record.frame > 0:
+                free[counts[0]] = slot.place
+                counts[0] += 1
+                slot.open = False
+                continue
         elif not slot.open:
             continue
-        place, row = places[slot.place], values[slot.place, record.frame]
+        place, frames = places[slot.place], values[slot.place]
+        for f in range(place.frames, record.frame):  # which nobody saw
+            for k in range(values.shape[2]):
+                frames[f, k] = np.nan
+        row = frames[record.frame]
         # the vehicle moves along its heading, so that is where its velocity points
         row[0], row[1] = record.vehicle_x, record.vehicle_y
         row[2] = record.vehicle_speed * math.cos(record.vehicle_heading)
@@ -218,6 +319,8 @@ def _store(state, curvttc, distance, slots, places, values, free, ended, counts)
         row[4], row[5] = record.pedestrian_x, record.pedestrian_y
         row[6], row[7] = record.pedestrian_vx, record.pedestrian_vy
         row[8], row[9] = distance[i], curvttc[i]
+        row[10], row[11], row[12] = record.vehicle_heading, record.vehicle_speed, record.vehicle_curvature
+        row[13], row[14] = record.controlled, seen[i]
         place.frames = max(place.frames, record.frame + 1)
         if record.status == ENDED:
             place.outcome, slot.open = record.outcome, False

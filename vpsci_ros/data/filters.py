@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import float64
 
-from vpsci_ros.data.episode_block import KEPT, QUANTITIES, EpisodeBlock
+from vpsci_ros.data.episode import QUANTITIES
+from vpsci_ros.data.episode_block import KEPT, EpisodeBlock
 from vpsci_ros.parameters import constant
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.compiled import kernel
@@ -74,7 +75,7 @@ def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
 
 @kernel
 def _measure(values, frames, out):  # type: ignore[no-untyped-def]
-    """Measure pairs, float32[rows, 10] one after the other, of `frames` int64[n] each.
+    """Measure pairs, float32[rows, 15] one after the other, of `frames` int64[n] each.
 
     :param out: float64[n, 6]: least CurvTTC [s]; the longest run of frames without velocities; the lengths of both
         trajectories, and how far both were at last from where they were first [m].

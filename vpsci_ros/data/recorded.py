@@ -53,6 +53,7 @@ def _episode(part: pl.DataFrame, source: str) -> Episode:
         *vehicle,
         *(px, py, vx, vy, curvttc, distance),
         controlled=np.zeros(curvttc.shape, np.bool_),
+        seen=np.ones(curvttc.shape, np.bool_),
         length=length,
         width=width,
         marks=marks,

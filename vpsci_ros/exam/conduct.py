@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from vpsci_ros.data.episode_file import FRAMES
+from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import domain_of, run_in_graph
@@ -104,7 +104,7 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     shutil.rmtree(run, ignore_errors=True)
     for parent in (run.parent, folder / "logs"):
         parent.mkdir(parents=True, exist_ok=True)
-    log = folder / "logs" / f"ads_{run.name}.log"
+    log = folder / "logs" / f"ads_{label_of(name, exam.part)}.log"
     drive = run_in_process if exam.in_process else run_in_graph
     return drive(exam, name, run, log, quiet=quiet)
 
@@ -123,9 +123,7 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
     )
     episodes = sorted((episode for result in results for episode in result.episodes), key=lambda episode: episode.key)
     unanswered = {key: count for result in results for key, count in result.unanswered.items()}
-    return RunResult(
-        episodes, conduct, unanswered, {k: v for result in results for k, v in result.first_critical.items()}
-    )
+    return RunResult(episodes, conduct, unanswered)
 
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.reader import Bag, BagTick
 from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.episode import Key
-from vpsci_ros.data.episode_file import FRAMES
-from vpsci_ros.data.gathered import RecordedTick, episode_rows
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.exam import Exam
@@ -29,7 +28,7 @@ from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
+from vpsci_ros.world.state import IDLE, VEHICLE_ACTION_MISSING
 
 if TYPE_CHECKING:
     from vpsci_ros.nodes.graph import GraphResult
@@ -160,11 +159,10 @@ def result_of_bag(bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]]
     """
     own = set(exam.episodes)
 
-    def ticks() -> Iterator[RecordedTick]:
+    def ticks() -> Iterator[BagTick]:
         for tick in read_bag(bag, take_events=take_events):
-            for rows in episode_rows(tick.state):
-                first = tick.state[rows[0]]
-                if (key := (int(first["scenario"]), int(first["episode"]))) not in own:
+            for row in tick.state[tick.state["status"] != IDLE]:
+                if (key := (int(row["scenario"]), int(row["episode"]))) not in own:
                     raise InvalidInput(f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
             yield tick
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.simulated import write_ticks
+from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.episode import Key
-from vpsci_ros.data.episode_file import FRAMES
 from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import YIELDED, Episode, yields
 from vpsci_ros.data.parquet import Column, read_parquet
 from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
-from vpsci_ros.exam.result import FirstCritical, RunResult
+from vpsci_ros.exam.result import RunResult, first_critical
 from vpsci_ros.policy.onset_range import range_of_episode
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION
@@ -98,7 +98,7 @@ def episode_table(
     rows = []
     for episode, code in zip(run.episodes, yields(run.episodes), strict=True):
         collided, crashed = episode.outcome == _COLLISION, episode.outcome == _PARKED_COLLISION
-        seen_of, period = run.first_critical.get(episode.key, FirstCritical()), episode.period
+        seen_of, period = first_critical(episode), episode.period
         driven = episode.filled()
         speed, path = driven.speed, driven.path
         least = min(HORIZON, episode.least_curvttc)

@@ -1,9 +1,9 @@
 """The exam of a driving system: running, scoring and reporting it.
 
-In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (its record, and its
-episodes in frames.parquet), logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html,
-summary.md, junit.xml, pictures, and view.html, in which the episodes play. The same command resumes a stopped exam: it
-reads the finished runs of the driving system, and runs the others and the baseline.
+In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN/PART (its record, and
+its episodes in frames.parquet), logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json,
+report.html, summary.md, junit.xml, pictures, and view.html, in which the episodes play. The same command resumes a
+stopped exam: it reads the finished runs of the driving system, and runs the others and the baseline.
 """
 
 import json
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import polars as pl
 
-from vpsci_ros.data.episode_file import write_episodes
+from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import run_with_all

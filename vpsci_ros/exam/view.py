@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.episode_file import FRAMES, read_episode_file
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ALONE, title_of
@@ -54,11 +54,11 @@ def stored_episodes(folder: Path, driver: str, pedestrian: str) -> Iterator[Epis
     :raises InvalidInput: the file of the first part is missing, or a file cannot be read.
     """
     if driver == BASELINE:
-        yield from read_episode_file(autopilot_file(folder, pedestrian))
+        yield from EpisodeFile(autopilot_file(folder, pedestrian)).read()
         return
     further = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count(1))
     for path in (run_folder(folder, pedestrian, 0) / FRAMES, *itertools.takewhile(Path.is_file, further)):
-        yield from read_episode_file(path)
+        yield from EpisodeFile(path).read()
 
 
 def autopilot_file(folder: Path, pedestrian: str) -> Path:

@@ -50,11 +50,11 @@ class Simulator:
     def __call__(self, unit: Unit) -> EpisodeBlock:
         """Simulate the unit's episodes and apply the filters to them."""
         job = self._job
-        frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1, TOGETHER)
+        slots, longest = self._batch * job.world.pedestrians, job.world.episode_ticks + 1
+        frames = EpisodeFrames(slots, longest, TOGETHER, scenarios=job.scenarios)
         loop, blocks = self.loop(((unit.scenario, number) for number in unit.numbers), unit.scenario), []
         for step in loop.ticks():
-            waiting = frames.store(step.tick.state, step.assessment.curvttc, step.assessment.distance)
-            if waiting >= TOGETHER or loop.world.done:
+            if frames.store(step) >= TOGETHER or loop.world.done:
                 ended = ranged(apply_filters(frames.take(), job.filters), self._reaches)
                 blocks.append(ended.stored(job.keep_rejected))
         whole = concat_blocks(blocks)

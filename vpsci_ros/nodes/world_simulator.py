@@ -13,7 +13,7 @@ from rclpy.timer import Timer
 from std_msgs.msg import UInt64
 from std_srvs.srv import SetBool, Trigger
 
-from vpsci_ros.bags.recorded_motion import recorded_from_bag
+from vpsci_ros.bags.episodes import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes.base import GraphNode

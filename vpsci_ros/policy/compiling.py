@@ -26,14 +26,16 @@ def _spawn() -> None:
 
 
 def _move() -> None:
+    import numpy as np
+
     from vpsci_ros.data.episode_block import EpisodeFrames
     from vpsci_ros.data.filters import FilterConfig, apply_filters
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop
 
     step = Loop(World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)).step()  # a policy tick would spawn
-    ended = EpisodeFrames(1, 2).add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
-    apply_filters(ended, FilterConfig())
+    EpisodeFrames(1, 2, floats=np.float64).add(step)
+    apply_filters(EpisodeFrames(1, 2).add(step), FilterConfig())
 
 
 def _act(policy: str) -> None:

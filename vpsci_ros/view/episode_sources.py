@@ -5,7 +5,6 @@ from another file of the same number.
 """
 
 import dataclasses
-import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,10 +17,8 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_reader import FRAMES, Dataset, EpisodeFile
 from vpsci_ros.data.episode import Episode, Listed
-from vpsci_ros.data.episode_file import FRAMES, read_episode_file
-from vpsci_ros.data.gathered import group_of
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.documents import listed
@@ -30,7 +27,6 @@ from vpsci_ros.resources import near_misses_part
 from vpsci_ros.view.pack import LIMIT, Source, shown
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
-from vpsci_ros.world.scenario import own_documents
 
 EXAM = "exam.json"
 ALONE = "alone"  # of an exam's runs the one without a pedestrian
@@ -147,42 +143,33 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
     found = bag_episodes(bag)
     if not found:
         raise InvalidInput(f"{path}: not one episode ended while it was recorded, so it holds none that is whole")
-    roads = {scenario.number: scenario for scenario in scenarios_of(bag)}
-    listed = [
-        Listed(one.name, group_of(one.scenario, roads.get(one.scenario)), *one.key, one.outcome, one.least_curvttc)
-        for one in found
-    ]
 
     def read(wanted: Collection[str]) -> Iterator[Episode]:
-        chosen = [one for one in found if one.name in wanted]
+        chosen = [one for one in found if one.listed.name in wanted]
         return read_bag_episodes(bag, None if len(chosen) == len(found) else chosen)
 
     period = next(read_bag(bag)).period
+    listed = [one.listed for one in found]
     return EpisodeSource(path, "bag", period, listed, scenarios_of(bag, own=True), read)
 
 
 def _exam(folder: Path) -> EpisodeSource:
-    """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12".
-
-    The folders of a pedestrian's runs, one for each part of the exam, are learned, learned-2, learned-3.
-    """
-    found = {path: re.sub(r"-\d+$", "", path.parent.name) for path in sorted((folder / "runs").glob(f"*/{FRAMES}"))}
-    episodes = [
-        dataclasses.replace(episode, listed=_with(pedestrian, episode.listed))
-        for path, pedestrian in found.items()
-        if pedestrian != ALONE
-        for episode in read_episode_file(path)
-    ]
-    if not episodes:
+    """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12"."""
+    paths = sorted((folder / "runs").glob(f"*/*/{FRAMES}"), key=lambda path: (path.parts[-3], int(path.parts[-2])))
+    files = [(path.parts[-3], EpisodeFile(path)) for path in paths if path.parts[-3] != ALONE]
+    listed = [_with(pedestrian, one) for pedestrian, file in files for one in file.listed]
+    if not listed:
         raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
-    roads = {episode.scenario.number: episode.scenario for episode in episodes if episode.scenario is not None}
-    own = own_documents(roads.values())
 
     def read(wanted: Collection[str]) -> Iterator[Episode]:
-        return (episode for episode in episodes if episode.name in wanted)
+        for pedestrian, file in files:
+            if any(_with(pedestrian, one).name in wanted for one in file.listed):
+                for episode in file.read():
+                    if (one := _with(pedestrian, episode.listed)).name in wanted:
+                        yield dataclasses.replace(episode, listed=one)
 
-    scenarios = [road for road in roads.values() if road.name in own]
-    return EpisodeSource(folder, "exam", episodes[0].period, [each.listed for each in episodes], scenarios, read)
+    own = {road.number: road for _, file in files for road in file.own_scenarios}
+    return EpisodeSource(folder, "exam", files[0][1].period, listed, list(own.values()), read)
 
 
 def _with(pedestrian: str, listed: Listed) -> Listed:

@@ -101,4 +101,4 @@ def test_an_exam_on_a_server_has_the_report_of_any_exam_and_says_which_engine_mo
     assert report["drivers"]["ads"]["learned"]["episodes"] == 2
     assert report["drivers"]["ads"]["learned"]["time_lost"]["value"] is not None, "it drove alone on the server, too"
     with pytest.raises(InvalidInput, match="engine = carla"):
-        verify_bag(folder / "runs" / "learned" / "bag")
+        verify_bag(folder / "runs" / "learned" / "1" / "bag")

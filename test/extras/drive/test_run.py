@@ -97,7 +97,7 @@ def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_
     drive: tuple[Path, list[dict[str, Any]], float],
 ) -> None:
     folder, seen, _ = drive
-    (episode,) = read_bag_episodes(folder / "runs" / "learned" / "bag")
+    (episode,) = read_bag_episodes(folder / "runs" / "learned" / "1" / "bag")
     frames = [each for each in seen if each["type"] == "frame"]
     first = frames[: next(k for k, each in enumerate(frames) if k and each["time"] == 0.0)]
     assert [each["x"] for each in first] == episode.x[: len(first)].tolist()
@@ -132,11 +132,11 @@ def test_who_finishes_early_gets_a_report_of_what_was_driven_and_the_same_comman
     why = "default pedestrian: the ADS did not drive 5:0 to the end: at 0.00 s the person has finished (log: "
     assert [each.startswith(why) for each in failures] == [True]
     assert seen[-1] == {"type": "end", "driven": 1, "text": seen[-1]["text"]}
-    kept = (tmp_path / "drive" / "runs" / "learned" / "run.json").stat().st_mtime_ns
+    kept = (tmp_path / "drive" / "runs" / "learned" / "1" / "run.json").stat().st_mtime_ns
     failures, seen = driven(tmp_path / "drive", at_once)
     assert failures == []
     assert [each["which"] for each in seen if each["type"] == "episode"] == ["episode 2 of 2"]
-    assert (tmp_path / "drive" / "runs" / "learned" / "run.json").stat().st_mtime_ns == kept
+    assert (tmp_path / "drive" / "runs" / "learned" / "1" / "run.json").stat().st_mtime_ns == kept
 
 
 def test_a_time_that_does_not_go_is_refused() -> None:

@@ -15,7 +15,7 @@ from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.gathered import gathered
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.extras.exam_extra.euro_ncap import KMH, Cell, cells, colour_of, document, impact_speed, motion, rated
@@ -47,7 +47,7 @@ def driven(braking: float) -> dict[int, Episode]:
             world.advance(world.now.unassessed(), commands)
             yield SimpleNamespace(state=state, curvttc=nothing, distance=nothing)
 
-    return {episode.key[0]: episode for episode in gathered(ticks(), CONFIG.tick, SCENARIOS)}
+    return {episode.key[0]: episode for episode in ended_episodes(ticks(), CONFIG.tick, SCENARIOS)}
 
 
 @pytest.mark.parametrize("cell", cells(), ids=lambda cell: cell.name)

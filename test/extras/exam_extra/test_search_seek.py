@@ -5,12 +5,12 @@ import pytest
 
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.data.episode import Episode, Listed
-from vpsci_ros.data.gathered import gathered
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import HOLDING, Imitation, Recent, lessons
-from vpsci_ros.extras.exam_extra.search.margin import LeastMargins
+from vpsci_ros.extras.exam_extra.search.margin import least_margin
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, rehearse, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.world import RUNNING
@@ -37,20 +37,19 @@ def careless(state):
 def margins(exam, keys, ticks=None):
     """Return the least margins of episodes that `careless` drives; their ticks go to the list `ticks`."""
     loop = loop_with(exam, "walker", "external", keys, len(keys))
-    least = LeastMargins(exam.config.failure)
-    while not loop.world.done:
-        step = loop.step(Actions(vehicle=careless(loop.world.now.state)))
-        least.add(step.tick.state, step.assessment.curvttc)
-        if ticks is not None:
-            ticks.append(step)
-    return np.array([least.found[key] for key in keys])
+    steps = list(loop.ticks(lambda tick, _: Actions(vehicle=careless(tick.state))))
+    if ticks is not None:
+        ticks += steps
+    episodes = ended_episodes(steps, exam.world.tick, exam.scenarios)
+    least = {episode.key: least_margin(exam.config.failure, episode) for episode in episodes}
+    return np.array([least[key] for key in keys])
 
 
 def drive_with(exam, keys):
     """Return least margins, and lessons, of episodes that `careless` drives."""
     ticks = []
     margin = margins(exam, keys, ticks)
-    return margin, *lessons(gathered(ticks, 0.05, exam.scenarios), 1)
+    return margin, *lessons(ended_episodes(ticks, 0.05, exam.scenarios), 1)
 
 
 def test_failures_are_found_where_they_are_and_counted_right():
@@ -86,7 +85,7 @@ def test_the_stand_in_comes_as_near_as_who_it_has_learned_from():
 def test_a_vehicle_that_stays_where_it_stands_is_taken_to_brake_so_that_its_stand_in_does_not_creep():
     speed, one = np.array([1.0, 0.0, 0.0, 0.5]), np.ones((1, 4))
     listed = Listed("1:0", "A", 1, 0, "timeout", 9.0)
-    still = Episode("test", listed, None, 0.05, *[speed] * 5, *[one] * 6, one > 0.0)
+    still = Episode("test", listed, None, 0.05, *[speed] * 5, *[one] * 6, one > 0.0, one > 0.0)
     _, done = lessons([still], 1)
     np.testing.assert_allclose(done, [-20.0, HOLDING, 10.0])
 

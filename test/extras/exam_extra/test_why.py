@@ -31,7 +31,7 @@ def episode(speed: list[float], curvttc: list[float], ahead: float = 2.6, outcom
     x = np.cumsum(speed) * 0.05
     return Episode(
         "test", Listed("1:7", "A", 1, 7, outcome, 0.0), None, 0.05, x - x[-1], zeros, zeros, np.array(speed), zeros,
-        one + ahead, one, one, one, np.array([curvttc]), one, one > 0,
+        one + ahead, one, one, one, np.array([curvttc]), one, one > 0, one == 0,
     )  # fmt: skip
 
 

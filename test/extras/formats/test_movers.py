@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from vpsci_ros.bags.export import KEEP_ALL, export_bag
+from vpsci_ros.bags.reader import BagTick
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.gathered import RecordedTick, gathered
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.movers import movers, road_of
 from vpsci_ros.extras.formats.run import export
@@ -22,8 +23,8 @@ from vpsci_ros.world.state import GOAL
 
 @pytest.fixture
 def episode(simulate) -> Episode:
-    ticks = (RecordedTick(number, 0.05, *tick) for number, tick in enumerate(simulate([4], [GOAL], 1)))
-    (one,) = gathered(ticks, 0.05, [], source="here")
+    ticks = (BagTick(number, 0.05, *tick) for number, tick in enumerate(simulate([4], [GOAL], 1)))
+    (one,) = ended_episodes(ticks, 0.05, [], source="here")
     return one
 
 

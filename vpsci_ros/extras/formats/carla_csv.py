@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, agent_ids
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7, agent_ids
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.extras.formats.movers import movers
 from vpsci_ros.extras.formats.run import Options
@@ -29,12 +29,12 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
 
 
 def rows(episode: Episode) -> pl.DataFrame:
-    """Return an episode in `DATASET_COLUMNS`: a row a frame, first of the first pedestrian, then of the next ones."""
+    """Return an episode in the columns of Table 7: a row a frame and pedestrian."""
     vehicle, *pedestrians = movers(episode)
     count = np.full(len(episode), episode.number)
     parts = []
     for number, (walker, curvttc) in enumerate(zip(pedestrians, episode.curvttc, strict=True)):
-        veh_id, ped_id = agent_ids(count, np.full(len(episode), number))
+        veh_id, ped_id = agent_ids(np.full(len(episode), episode.key[0]), count, np.full(len(episode), number))
         table = {
             "count": count,
             "frame": np.arange(len(episode)),
@@ -48,4 +48,4 @@ def rows(episode: Episode) -> pl.DataFrame:
             table |= {f"velocity_x_{end}": each.vx, f"velocity_y_{end}": -each.vy}
         parts.append(pl.DataFrame(table))
     every = pl.concat(parts)
-    return every.select(pl.col(name).cast(column.dtype) for name, column in DATASET_COLUMNS.items())
+    return every.select(pl.col(name).cast(EPISODE_COLUMNS[name].dtype) for name in TABLE_7)

@@ -11,12 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset import DatasetWriter, write_blocks
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS, NEXT_PEDESTRIAN
-from vpsci_ros.data.episode_block import JUDGED, QUANTITIES, EpisodeBlock
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, NEXT_PEDESTRIAN, TABLE_7
+from vpsci_ros.data.episode import Floats, filled, headings
+from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import curvature_from_yaw_rate
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.scenario import shipped_scenarios
 
@@ -27,8 +30,8 @@ ON_THE_ROAD = 5.0  # [m] off the lane of Table 6's scenario, above which the med
 _MOVING = 0.5  # [m/s] above it speeds show the frame rate and the units
 _LONGEST = 100_000  # frames of an episode
 _WHOLE = {"count": pl.Float64, "frame": pl.Float64, "veh_id": pl.String, "ped_id": pl.String}
-_FLOATS = [name for name in DATASET_COLUMNS if name not in _WHOLE]
-_SIDEWAYS = [name for name in QUANTITIES if "_y_" in name]
+_FLOATS = [name for name in TABLE_7 if name not in _WHOLE]
+_SIDEWAYS = [name for name in _FLOATS if "_y_" in name]
 _PAIR = ["count", "walker"]
 
 
@@ -107,14 +110,14 @@ def canonical(path: Path) -> pl.DataFrame:
         veh_id=2 * pl.col("count"),
         ped_id=2 * pl.col("count") + 1 + pl.col("walker") * NEXT_PEDESTRIAN,
     )
-    return numbered.select(pl.col(name).cast(column.dtype) for name, column in DATASET_COLUMNS.items())
+    return numbered.select(pl.col(name).cast(EPISODE_COLUMNS[name].dtype) for name in TABLE_7)
 
 
 def _read(path: Path) -> pl.DataFrame:
     header = _header(path)
-    if missing := [name for name in DATASET_COLUMNS if name not in header]:
+    if missing := [name for name in TABLE_7 if name not in header]:
         raise InvalidInput(
-            f"{path}: expected the columns of Table 7, {', '.join(DATASET_COLUMNS)}; {', '.join(missing)} is missing, "
+            f"{path}: expected the columns of Table 7, {', '.join(TABLE_7)}; {', '.join(missing)} is missing, "
             f"the file has {', '.join(header)}"
         )
     try:
@@ -125,7 +128,7 @@ def _read(path: Path) -> pl.DataFrame:
             new_columns=header,
             schema_overrides=_WHOLE | dict.fromkeys(_FLOATS, pl.Float64),
             null_values=["", "None", "NA", "NaN", "nan"],
-        ).select(list(DATASET_COLUMNS))
+        ).select(list(TABLE_7))
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InvalidInput(f"{path}: expected the columns of Table 7 as numbers: {reason(error)}") from error
     if rows.is_empty():
@@ -192,16 +195,29 @@ def _turn(rows: pl.DataFrame, path: Path) -> float:
 
 def _off_the_lane(rows: pl.DataFrame, scenario: Scenario) -> float:
     """Return how far vehicles are from the scenario's lane [m]: the median of about 500 rows, evenly drawn."""
-    some = rows.drop_nans("position_x_av").gather_every(max(1, rows.height // 500)).select(QUANTITIES[:2]).to_numpy()
+    some = rows.drop_nans("position_x_av").gather_every(max(1, rows.height // 500)).select(_FLOATS[:2]).to_numpy()
     path = scenario.vehicle.path
     return float(np.median([abs(path.locate(x, y)[1]) for x, y in some.tolist()]))
 
 
 def _block(rows: pl.DataFrame, scenario: int) -> EpisodeBlock:
-    """Return the episodes of `canonical` rows."""
+    """Return the episodes of `canonical` rows, with headings and curvatures by their velocities; nobody is hidden."""
     of = rows.group_by("count", maintain_order=True).agg(pl.len(), pl.col("ped_id").n_unique())
     records = np.zeros(of.height, JUDGED)
     records["scenario"], records["count"] = scenario, of["count"]
     records["rows"], records["pedestrians"] = of["len"], of["ped_id"]
     records["frames"] = of["len"] // of["ped_id"]
-    return EpisodeBlock(records, rows.select(QUANTITIES).to_numpy())
+    values, ends = rows.select(_FLOATS).to_numpy(), np.cumsum(records["rows"])
+    parts = (part.reshape(people, -1, len(_FLOATS)) for part, people in zip(
+        np.split(values, ends[:-1]), records["pedestrians"].tolist(), strict=True))  # fmt: skip
+    more = [np.tile(_turning(part[0]), (len(part), 1)) for part in parts]
+    policies, seen = np.zeros(len(values)), ~np.isnan(values[:, 0])
+    return EpisodeBlock(records, np.column_stack([values, np.concatenate(more), policies, seen]).astype(np.float32))
+
+
+def _turning(rows: NDArray[np.float32]) -> Floats:
+    """Return heading [rad], speed [m/s] and curvature [1/m] of a vehicle, float64[T, 3], by its velocity."""
+    vx, vy = rows[:, 2:4].T.astype(np.float64)
+    heading, speed = headings(filled(vx), filled(vy)), np.hypot(vx, vy)
+    rate = np.gradient(filled(heading), PERIOD) if len(rows) > 1 else np.zeros(1)
+    return np.column_stack([heading, speed, curvature_from_yaw_rate(rate, filled(speed))])

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import DRIVERS, added_pedestrians
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import Floats32, Imitation, Recent
-from vpsci_ros.extras.exam_extra.search.margin import LeastMargins
+from vpsci_ros.extras.exam_extra.search.margin import least_margin
 from vpsci_ros.extras.exam_extra.search.plan import Plan
 from vpsci_ros.extras.exam_extra.search.risk import Floats
 from vpsci_ros.world.tick import Actions, Assessment, Tick
@@ -84,7 +85,7 @@ def rehearse(exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation
     """Return the least margin of each episode when the surrogate drives, float64[n]."""
     loop = loop_with(exam, pedestrian, "external", episodes, _BATCH)
     most = exam.world.pedestrians
-    recent, least = Recent(most), LeastMargins(exam.config.failure)
+    recent, least = Recent(most), dict[Key, float]()
 
     def answers(tick: Tick, assessment: Assessment) -> Actions:
         features, rows = recent.features(tick.state, assessment.curvttc)
@@ -93,7 +94,7 @@ def rehearse(exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation
         return Actions(vehicle=np.repeat(answer, most, axis=0))
 
     with driver.one_thread():
-        for step in loop.ticks(answers):
-            least.add(step.tick.state, step.assessment.curvttc)
-            report("rehearsing", len(least.found), len(episodes))
-    return np.array([least.found[key] for key in episodes])
+        for episode in ended_episodes(loop.ticks(answers), exam.world.tick, exam.scenarios):
+            least[episode.key] = least_margin(exam.config.failure, episode)
+            report("rehearsing", len(least), len(episodes))
+    return np.array([least[key] for key in episodes])

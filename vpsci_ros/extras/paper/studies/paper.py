@@ -17,7 +17,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import DATASET_COLUMNS
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.published import TABLE_10
 from vpsci_ros.documents import read_json
@@ -118,7 +118,7 @@ def write_paper(
         dataset=dataset,
         pictures={name: (path, CAPTIONS[name]) for name, path in pictures.items() if path.is_file()},
         scenarios=[(row, data.scenarios[row.name]) for row in roads],
-        columns=DATASET_COLUMNS,
+        columns={name: EPISODE_COLUMNS[name] for name in TABLE_7},
         tables=tables,
         published={"3": TABLE_3, "5": TABLE_5, "9": TABLE_9, "10": TABLE_10},
         missing=missing,
