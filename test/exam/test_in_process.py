@@ -89,12 +89,23 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(
         run_exam(small_exam(seed=7), folder, quiet=True)
     assert is_done(small_exam(), folder, "walker")
     (folder / "runs" / "walker" / "1" / FRAMES).write_bytes(b"")
-    with pytest.raises(
-        InvalidInput, match=r"walker/frames.parquet: expected the episodes of a run in Parquet, not readable as such"
-    ):
-        run_exam(small_exam(), folder, quiet=True)
-    (folder / "runs" / "walker" / "1" / FRAMES).unlink()
     assert not is_done(small_exam(), folder, "walker"), "it is driven again"
+
+
+def test_a_finished_run_is_known_by_what_it_is_and_by_the_hash_of_its_files(
+    driven: Path, small_exam: Small, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shutil.copytree(driven, tmp_path / "exam")
+    one, other, aside = folder / "runs" / "walker", folder / "runs" / "learned", tmp_path / "aside"
+    (one / "1" / FRAMES).rename(aside)
+    (other / "1" / FRAMES).rename(one / "1" / FRAMES)
+    aside.rename(other / "1" / FRAMES)
+    assert not any(is_done(small_exam(), folder, name) for name in ("walker", "learned"))
+    assert "frames.parquet changed since it was written; it is driven again" in capsys.readouterr().err
+    shutil.rmtree(one)
+    shutil.copytree(driven / "runs" / "learned", one)
+    assert not is_done(small_exam(), folder, "walker")
+    assert "the result of another run; it is driven again" in capsys.readouterr().err
 
 
 def test_what_raises_loses_its_episode_and_no_other_and_the_report_says_where(

@@ -24,6 +24,7 @@ from vpsci_ros.generate.parts import FINISHED, FOLDER, read_part, write_part
 from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.run import generate, part_writers, simulators
 from vpsci_ros.generate.simulate import Simulator, storing
+from vpsci_ros.generate.verify import repeated
 from vpsci_ros.runs.files import atomic_write, sha256
 from vpsci_ros.runs.workers import Place, Processes, Serial, ThisMachine
 
@@ -109,16 +110,53 @@ def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp
 
 def test_a_part_holds_its_block_to_the_bit_and_tells_any_damage(job, tmp_path) -> None:
     block, path = Simulator(job, 8)(Unit(1, range(8))), tmp_path / "part"
-    assert read_part(path) is None
-    write_part(path, block)
-    records, rows = read_part(path)
+    assert read_part(path, b"run 1") is None
+    write_part(path, block.records, arrow_rows(block), b"run 1")
+    assert read_part(path, b"run 2") is None
+    records, rows = read_part(path, b"run 1")
     assert records.tobytes() == block.records.tobytes()
     assert rows.equals(arrow_rows(block))
     whole = path.read_bytes()
     flipped = [whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :] for at in (0, 4, len(whole) // 2, len(whole) - 1)]
     for damaged in (b"", whole[:3], whole[:4], whole[:-1], whole + b"0", *flipped):
         path.write_bytes(damaged)
-        assert read_part(path) is None
+        assert read_part(path, b"run 1") is None
+
+
+def test_parts_of_other_units_and_runs_and_other_files_are_named_and_not_used(
+    job, make, made, tmp_path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "d"
+    with pytest.raises(KeyboardInterrupt):
+        generate(job, TARGETS, folder, lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
+    first, *_ = sorted((folder / FOLDER).glob("*.arrow"))
+    shutil.copyfile(first, folder / FOLDER / "1-0000000003.arrow")  # begins no unit
+    shutil.copyfile(first, folder / FOLDER / f"6-{10 * UNIT:010d}.arrow")  # of another unit
+    (folder / FOLDER / "notes.txt").touch()
+    (folder / FOLDER / "run.json").unlink()
+    make(folder, unit=UNIT)
+    assert hashes(folder) == hashes(made)
+    said = capsys.readouterr().err
+    for name in ("1-0000000003.arrow", f"6-{10 * UNIT:010d}.arrow", "notes.txt"):
+        assert f"{name} is damaged or no part of this run" in said
+
+
+def test_a_finished_dataset_is_extended_to_the_bytes_of_a_larger_one(job, make, made, tmp_path) -> None:
+    folder, fewer = tmp_path / "d", dict.fromkeys(TARGETS, 7)
+    start = partial(part_writers, job, 40, ThisMachine())
+    generate(job, fewer, folder, start, unit=UNIT)
+    done = generate(job, TARGETS, folder, start, unit=UNIT)
+    assert hashes(folder) == hashes(made)
+    assert done.computed < make(tmp_path / "once").computed
+    with pytest.raises(InvalidInput, match=r"holds a dataset with kept_wanted\.1 = 12, and this one has 7"):
+        generate(job, fewer, folder, start, unit=UNIT)
+
+
+def test_a_dataset_is_generated_again_from_its_description(made, tmp_path) -> None:
+    job, targets, first, formats = repeated(made / DESCRIPTION)
+    start = partial(part_writers, job, 40, ThisMachine())
+    generate(job, targets, tmp_path / "e", start, unit=UNIT, first=first, formats=formats)
+    assert hashes(tmp_path / "e") == hashes(made)
 
 
 def test_two_processes_of_which_one_is_killed_and_other_units_and_batches_give_the_same_bytes(

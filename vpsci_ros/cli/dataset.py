@@ -1,9 +1,9 @@
-"""The commands about generated datasets: `vpsci generate`, and `vpsci dataset` info, verify, bag."""
+"""The commands about generated datasets: `vpsci generate`, and `vpsci dataset` info, verify, bag, merge, select."""
 
 import os
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,7 +22,7 @@ from vpsci_ros.cli.options import (
 )
 from vpsci_ros.errors import InvalidInput, VpsciError
 
-dataset_app = typer.Typer(no_args_is_help=True, help="Inspect and verify generated datasets.")
+dataset_app = typer.Typer(no_args_is_help=True, help="Inspect, verify, merge and select generated datasets.")
 
 Count = Annotated[
     int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: one for each usable core.")
@@ -44,30 +44,40 @@ def generate(
     workers: Count = None,
     cluster: Cluster = None,
     mixed_cpus: MixedCpus = False,
+    repeat: Annotated[
+        Path | None, typer.Option("--from", metavar="DATASET.JSON", help="Generate the dataset of this file again.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Generate a dataset of episodes (stage 3); the same command resumes a stopped run."""
+    """Generate a dataset of episodes (stage 3); the same command resumes a stopped run, more --episodes extend it."""
     from vpsci_ros.cli.parameter_file import load
     from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
     from vpsci_ros.generate.job import DatasetConfig, job_from
     from vpsci_ros.generate.progress import ProgressOfRun
     from vpsci_ros.generate.run import PARALLEL, part_writers
     from vpsci_ros.generate.run import generate as run
+    from vpsci_ros.generate.verify import repeated
     from vpsci_ros.runs.config import RunConfig
 
-    if table10 and episodes is not None:
-        raise InvalidInput("--table10 and --episodes both say how many episodes are wanted; give one of them")
-    if scenarios is not None and not all(part.strip().isdigit() for part in scenarios.split(",")):
-        raise InvalidInput(f"--scenarios {scenarios}: expected numbers with commas, say 1,6")
-    chosen = [] if scenarios is None else [f"world_simulator.scenarios=[{scenarios}]"]
-    sections = load(params, [*(settings or []), *chosen, *of_people(people)])
-    values = sections.get(DatasetConfig, "dataset")
-    job = job_from(sections)
-    wanted = episodes or (0 if table10 else values.kept)
-    if not wanted and (unknown := [s.name for s in job.scenarios if s.number not in TABLE_10]):
-        raise InvalidInput(f"scenario {unknown[0]} is not one of Table 10; say how many are wanted by --episodes N")
-    targets = {s.number: wanted or TABLE_10[s.number].kept for s in job.scenarios}
-    first = sections.get(RunConfig, "world_simulator").first_episode
+    if repeat is not None:
+        if table10 or settings or people or any(each is not None for each in (scenarios, episodes)):
+            raise InvalidInput("--from repeats a dataset as it is; leave out what else says what is generated")
+        job, targets, first, formats = repeated(repeat)
+    else:
+        if table10 and episodes is not None:
+            raise InvalidInput("--table10 and --episodes both say how many episodes are wanted; give one of them")
+        if scenarios is not None and not all(part.strip().isdigit() for part in scenarios.split(",")):
+            raise InvalidInput(f"--scenarios {scenarios}: expected numbers with commas, say 1,6")
+        chosen = [] if scenarios is None else [f"world_simulator.scenarios=[{scenarios}]"]
+        sections = load(params, [*(settings or []), *chosen, *of_people(people)])
+        values = sections.get(DatasetConfig, "dataset")
+        job = job_from(sections)
+        wanted = episodes or (0 if table10 else values.kept)
+        if not wanted and (unknown := [s.name for s in job.scenarios if s.number not in TABLE_10]):
+            raise InvalidInput(f"scenario {unknown[0]} is not one of Table 10; say how many are wanted by --episodes N")
+        targets = {s.number: wanted or TABLE_10[s.number].kept for s in job.scenarios}
+        formats = values.formats
+        first = sections.get(RunConfig, "world_simulator").first_episode
     names = {s.number: s.name for s in job.scenarios}
     site = site_of(workers, cluster, mixed_cpus, default=_cores())
     with stoppable(output), ProgressOfRun(names, quiet=quiet, where=site.hosts) as progress:
@@ -77,7 +87,7 @@ def generate(
             output,
             partial(part_writers, job, PARALLEL, site),
             first=first,
-            formats=values.formats,
+            formats=formats,
             mixed_cpus=site.mixed_cpus,
             report=progress.show,
         )
@@ -153,6 +163,47 @@ def bag(
         chosen.append((int(scenario), int(number)))
     ticks = record_episodes(folder, chosen, output)
     print(f"{len(chosen)} episodes in {ticks:,} ticks; written: {output}")
+
+
+@dataset_app.command()
+@writes_folder
+def merge(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of datasets.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the new dataset; must be new or empty.")],
+) -> None:
+    """Merge datasets of one seed and configuration: other scenarios, or other episodes of them."""
+    from vpsci_ros.generate.combine import merge as run
+
+    _print_made(run(folders, output), output)
+
+
+@dataset_app.command()
+@writes_folder
+def select(
+    folder: Folder,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the new dataset; must be new or empty.")],
+    scenarios: Annotated[str, typer.Option(metavar="1,2,...", help="Only these scenarios.")] = "",
+    episodes: Annotated[str, typer.Option(metavar="6:12,1:3-9", help="Only these episodes.")] = "",
+    outcome: Annotated[str, typer.Option(metavar="NAME", help="Only episodes that end so, say collision.")] = "",
+    curvttc_below: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Only episodes whose least CurvTTC is below.")
+    ] = None,
+) -> None:
+    """Write a part of a dataset as a dataset: the episodes that meet all given conditions."""
+    from vpsci_ros.documents import given_names
+    from vpsci_ros.generate.combine import select as run
+
+    numbers = given_names(scenarios, "--scenarios")
+    if not all(number.isdigit() for number in numbers):
+        raise InvalidInput(f"--scenarios {scenarios}: expected numbers with commas, say 1,6")
+    chosen = [int(number) for number in numbers]
+    found = run(folder, output, scenarios=chosen, episodes=episodes, outcome=outcome, curvttc_below=curvttc_below)
+    _print_made(found, output)
+
+
+def _print_made(description: dict[str, Any], output: Path) -> None:
+    kept = sum(row["kept"] for row in description["scenarios"].values())
+    print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
 
 
 def _cores() -> int:

@@ -1,5 +1,6 @@
 """The command `vpsci view`, which writes a page that plays episodes."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +33,8 @@ def view(
     Two sources play side by side: recorded beside generated episodes, or the
     driving system of an exam beside the autopilot.
     """
+    from vpsci_ros.data.dataset_description import DESCRIPTION
+    from vpsci_ros.data.dataset_reader import Dataset
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.exam.view import is_exam, read_exam
     from vpsci_ros.view.episode_sources import read_source
@@ -41,6 +44,8 @@ def view(
         raise InvalidInput("--episode goes with one table, dataset or bag; give one, or leave --episode out")
     found = []
     for path in sources:
+        if (path / DESCRIPTION).is_file() and (warning := Dataset(path).warning()):
+            print(f"note: {warning}", file=sys.stderr)
         found += read_exam(path, limit) if is_exam(path) else [read_source(path, limit, episodes or ())]
     size = write_view(output, found, title or ", ".join(path.resolve().name for path in sources))
     for source in found:

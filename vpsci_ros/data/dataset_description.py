@@ -47,7 +47,6 @@ FORM: Form = {  # what is read of any dataset's description
 }
 FORM_OF_GENERATED: Form = {  # besides, of one that `vpsci generate` made
     "cpu": str,
-    "first_episode": int,
 }
 
 
@@ -63,8 +62,8 @@ def counts_of(records: NDArray[np.void]) -> dict[str, Any]:
         "outcomes": _by_outcome(records),
         "kept_outcomes": _by_outcome(records[kept]),
         "rejected_collisions": _by_reason(records[~kept & (records["outcome"] == COLLISION)]),
-        "vehicle_km": round(float(records["vehicle_path"][kept].sum()) / 1000.0, 6),
-        "pedestrian_km": round(float(records["pedestrian_path"][kept].sum()) / 1000.0, 6),
+        "vehicle_km": round(float(records["vehicle_path"][kept].sum(dtype=np.float64)) / 1000.0, 6),
+        "pedestrian_km": round(float(records["pedestrian_path"][kept].sum(dtype=np.float64)) / 1000.0, 6),
         "beyond_range": _beyond(records[kept]),
         **nearness(records),
     }

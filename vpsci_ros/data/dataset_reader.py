@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION, FORM
 from vpsci_ros.data.dataset_tables import (
@@ -19,11 +20,13 @@ from vpsci_ros.data.dataset_tables import (
     NEXT_PEDESTRIAN,
     NEXT_SCENARIO,
     REJECTED,
+    records_of,
 )
 from vpsci_ros.data.episode import QUANTITIES, Episode, Key, Listed
 from vpsci_ros.data.parquet import open_parquet, read_bounded, read_metadata, read_parquet
 from vpsci_ros.documents import read_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.files import changed_files
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.scenario import every_scenario, own_scenarios
 
@@ -59,8 +62,29 @@ class Dataset:
 
     def index(self) -> pl.DataFrame:
         """Return a row for each episode, kept or rejected, with the columns of `INDEX_COLUMNS`."""
-        older = {"range": ""}  # what a dataset from before 26 November 2026 lacks
-        return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS, older)
+        return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS)
+
+    def changed(self) -> list[str]:
+        """Return the names of the files that are missing or have another hash than dataset.json says."""
+        return changed_files(self.folder, {name: file["sha256"] for name, file in self.description["files"].items()})
+
+    def warning(self) -> str:
+        """Return which files changed since the dataset was written, in words; "" if none did."""
+        changed = ", ".join(self.changed())
+        return (
+            f"{self.folder}: changed since it was written, so {DESCRIPTION} differs: {changed}; "
+            "`vpsci dataset select` makes a dataset of a part of the episodes"
+            if changed
+            else ""
+        )
+
+    def stored(self, name: str) -> tuple[NDArray[np.void], pl.DataFrame]:
+        """Return a scenario's episodes as they were written, by its name: JUDGED[n], and the rows in their order."""
+        keep = self.holds_rejected(name)
+        index = self.index().filter(pl.col("scenario") == self.scenarios[name]["number"])
+        parts = [part for rejected in (False, True)[: 1 + keep] for _, part in self._parts(name, rejected=rejected)]
+        rows = pl.concat([pl.DataFrame(schema=_SCHEMA), *parts]).sort("count", maintain_order=True)
+        return records_of(index, keep), rows
 
     @cached_property
     def own_scenarios(self) -> list[Scenario]:

@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy.typing import DTypeLike, NDArray
 
 from vpsci_ros.data.episode import QUANTITIES
-from vpsci_ros.data.episode_block import RANGES, REASONS, EpisodeBlock
+from vpsci_ros.data.episode_block import JUDGED, KEPT, RANGES, REASONS, EpisodeBlock
 from vpsci_ros.data.parquet import Column, arrow_schema
 from vpsci_ros.world.state import OUTCOME_NAMES
 
@@ -62,6 +62,8 @@ INDEX_COLUMNS: dict[str, Column] = {
         "'beyond' the range of the recorded people's onsets when it becomes critical, or 'within'; '' where that is "
         "not known",
     ),
+    "pedestrians": Column(pl.Int32, "", "number of pedestrians"),
+    "fails": Column(pl.String, "", "all conditions of section 3.3 that it fails, with commas; '' for none"),
 }
 
 
@@ -104,11 +106,42 @@ def arrow_rows(block: EpisodeBlock) -> pa.Table:
 
 def index_table(records: NDArray[np.void]) -> pl.DataFrame:
     """Return the index of JUDGED[n], with the columns of `INDEX_COLUMNS`."""
-    table = pl.DataFrame({name: np.ascontiguousarray(records[name]) for name in INDEX_COLUMNS})
+    own = [name for name in INDEX_COLUMNS if name != "fails"]
+    table = pl.DataFrame({name: np.ascontiguousarray(records[name]) for name in own})
+    patterns = {bits: ", ".join(_failed(bits)) for bits in range(1 << len(REASONS[1:]))}
     named = table.with_columns(
         pl.col("outcome").replace_strict(dict(enumerate(OUTCOME_NAMES)), return_dtype=pl.String),
         pl.col("reason").replace_strict(dict(enumerate(REASONS)), return_dtype=pl.String),
         pl.col("range").replace_strict(dict(enumerate(RANGES)), return_dtype=pl.String),
+        pl.Series("fails", _bits(records)).replace_strict(patterns, return_dtype=pl.String),
     )
     schema = {name: column.dtype for name, column in INDEX_COLUMNS.items()}
     return named.cast(schema).sort("scenario", "count")  # type: ignore[arg-type]
+
+
+def records_of(index: pl.DataFrame, keep_rejected: bool) -> NDArray[np.void]:
+    """Return the records of an index, JUDGED[n], as `index_table` had them; the kinds of pedestrians are not known.
+
+    :param keep_rejected: the rows of rejected episodes are stored, too.
+    """
+    records = np.zeros(index.height, JUDGED)
+    codes = {"outcome": OUTCOME_NAMES, "reason": REASONS, "range": RANGES}
+    for name in INDEX_COLUMNS:
+        if name in codes:
+            records[name] = index[name].replace_strict({text: code for code, text in enumerate(codes[name])}).to_numpy()
+        elif name != "fails":
+            records[name] = index[name].to_numpy()
+    for number, reason in enumerate(REASONS[1:]):
+        records["failed"][:, number] = index["fails"].str.split(", ").list.contains(reason).to_numpy()
+    stored = (records["reason"] == KEPT) | keep_rejected
+    records["rows"] = np.where(stored, records["frames"] * records["pedestrians"], 0)
+    return records
+
+
+def _bits(records: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return the failed conditions as bits, int64[n], the first condition first."""
+    return records["failed"] @ (1 << np.arange(len(REASONS[1:])))
+
+
+def _failed(bits: int) -> list[str]:
+    return [reason for number, reason in enumerate(REASONS[1:]) if bits >> number & 1]

@@ -42,8 +42,8 @@ JUDGED = np.dtype(
         ("pedestrians", np.int64),
         ("rows", np.int64),  # of the episode that are stored: a row a frame and pedestrian, or none
         ("least_curvttc", np.float32),  # [s] of all pairs
-        ("vehicle_path", np.float64),  # [m] length of the trajectory, of the pair that decides
-        ("pedestrian_path", np.float64),  # [m]
+        ("vehicle_path", np.float32),  # [m] length of the trajectory, of the pair that decides
+        ("pedestrian_path", np.float32),  # [m]
         ("range", np.uint8),  # index into `RANGES`
         ("kinds", np.uint8, MOST),  # of the pedestrians, indices into `KINDS`
     ]

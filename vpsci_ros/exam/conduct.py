@@ -6,23 +6,30 @@ where there are several. Each run leaves a record and its result (`result`).
 """
 
 import contextlib
+import hashlib
+import json
 import os
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vpsci_ros.data.dataset_reader import FRAMES
+from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import EXTERNAL, title_of
-from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.exam import Exam, identity_of
 from vpsci_ros.exam.in_graph import domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
+from vpsci_ros.runs.files import changed_files, sha256, write_json
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
+
+RESULT = "result.json"  # what a finished run is, and the hash of each of its files
 
 
 class Run(NamedTuple):
@@ -106,7 +113,17 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{label_of(name, exam.part)}.log"
     drive = run_in_process if exam.in_process else run_in_graph
-    return drive(exam, name, run, log, quiet=quiet)
+    result = drive(exam, name, run, log, quiet=quiet)
+    files = {path.relative_to(run).as_posix(): sha256(path) for path in sorted(run.rglob("*")) if path.is_file()}
+    write_json(run / RESULT, {**run_identity(exam, name), "files": files})
+    return result
+
+
+def run_identity(exam: Exam, name: str) -> dict[str, Any]:
+    """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
+    identity = json.dumps(identity_of(exam), sort_keys=True).encode()
+    own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
+    return {**own, "exam_sha256": hashlib.sha256(identity).hexdigest()}
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
@@ -127,7 +144,19 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
 
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
-    """Return whether the exam's run with the pedestrian `name` is finished in `folder`."""
+    """Return whether `folder` has the exam's finished run with the pedestrian `name`, its files unchanged."""
     run = run_folder(folder, name, exam.part)
     record = read_record(run / RUN_RECORD)
-    return record is not None and not record["error"] and (run / FRAMES).is_file()
+    if record is None or record["error"] or not (run / RESULT).is_file():
+        return False
+    try:
+        found = read_json(run / RESULT)
+        require_form(found, {"files": {"*": str}}, str(run / RESULT))
+    except InvalidInput as error:
+        print(f"note: {error}; it is driven again", file=sys.stderr)
+        return False
+    changed = changed_files(run, found.pop("files"))
+    if changed or found != run_identity(exam, name):
+        why = f"{', '.join(changed)} changed since it was written" if changed else "the result of another run"
+        print(f"note: {run}: {why}; it is driven again", file=sys.stderr)
+    return not changed and found == run_identity(exam, name)

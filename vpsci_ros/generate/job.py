@@ -62,6 +62,10 @@ class Policy:
     name: str
     config: PolicyConfig
 
+    def named(self, name: str) -> "Policy":
+        """Return the policy under another name, in its configuration, too."""
+        return replace(self, name=name, config=replace(self.config, weights=name))
+
     @property
     def digest(self) -> str:
         """SHA-256 of the policy's file."""

@@ -2,11 +2,14 @@
 
 The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts. A part is a
 checksum and the Arrow table of its episodes' rows as the dataset has them, with the records of all its episodes in the
-schema. A part appears whole, by a rename. A damaged part fails its checksum, and its unit is computed again. The folder
-is removed when the dataset is complete and its record written.
+schema. A part appears whole, by a rename. The checksum covers the identity of the run, the unit and the content: the
+unit of a part that is damaged, or another unit's or run's, is computed again. The folder is removed when the dataset is
+complete and its record written.
 """
 
 import contextlib
+import json
+import re
 import shutil
 import zlib
 from collections.abc import Iterator, Mapping
@@ -18,8 +21,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.dataset_tables import arrow_rows
-from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
+from vpsci_ros.data.episode_block import JUDGED
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json
@@ -27,30 +29,35 @@ from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.output_folder import FolderLock
 
 FOLDER, RUN, FINISHED = ".generate", "run.json", "generation.json"
+WANTED = "kept_wanted"  # of the identity of a run: kept episodes by scenario
 _RECORDS = b"records"  # key of the schema's metadata
 _CHECKSUM = 4  # bytes at the beginning of a part
 
 
-def write_part(path: Path, block: EpisodeBlock) -> None:
-    """Write the part of a unit: its episodes, in the order of their numbers."""
-    rows = arrow_rows(block).replace_schema_metadata({_RECORDS: block.records.tobytes()})
+def write_part(path: Path, records: NDArray[np.void], rows: pa.Table, bound: bytes) -> None:
+    """Write the part of a unit: its episodes, in the order of their numbers.
+
+    :param records: JUDGED[n]; `rows`: of the stored episodes.
+    :param bound: what the part belongs to, of which only `read_part` with equal bytes reads it.
+    """
+    rows = rows.replace_schema_metadata({_RECORDS: records.tobytes()})
     stream = pa.BufferOutputStream()
     with pa.ipc.new_stream(stream, rows.schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
         writer.write_table(rows)
     data = stream.getvalue()
     with atomic_write(path) as part, part.open("wb") as file:
-        file.write(zlib.crc32(data).to_bytes(_CHECKSUM, "little"))
+        file.write(zlib.crc32(data, zlib.crc32(bound)).to_bytes(_CHECKSUM, "little"))
         file.write(data)
 
 
-def read_part(path: Path) -> tuple[NDArray[np.void], pa.Table] | None:
-    """Return a unit's records, JUDGED[n], and its stored rows; None if the part is missing or damaged."""
+def read_part(path: Path, bound: bytes) -> tuple[NDArray[np.void], pa.Table] | None:
+    """Return a unit's records, JUDGED[n], and its stored rows; None if the part is missing, damaged or not `bound`."""
     try:
         whole = memoryview(path.read_bytes())
     except OSError:
         return None
     checksum, data = whole[:_CHECKSUM], whole[_CHECKSUM:]
-    if not data or zlib.crc32(data) != int.from_bytes(checksum, "little"):
+    if not data or zlib.crc32(data, zlib.crc32(bound)) != int.from_bytes(checksum, "little"):
         return None
     rows = pa.ipc.open_stream(data).read_all()
     return np.frombuffer(rows.schema.metadata[_RECORDS], JUDGED), rows
@@ -61,15 +68,24 @@ class Parts:
 
     :ivar folder: in which the parts lie.
     :ivar unit: episodes in a unit of this run.
+    :ivar run: identity of the run as text.
     """
 
-    def __init__(self, folder: Path, unit: int) -> None:
+    def __init__(self, folder: Path, unit: int, run: str) -> None:
         self.folder = folder
         self.unit = unit
+        self.run = run
 
     def at(self, folder: Path) -> "Parts":
         """Return this run's parts in another folder."""
-        return Parts(folder, self.unit)
+        return Parts(folder, self.unit, self.run)
+
+    def _bound(self, unit: Unit) -> bytes:
+        return f"{self.run} {unit.scenario} {unit.numbers[0]} {len(unit.numbers)}".encode()
+
+    def write(self, unit: Unit, records: NDArray[np.void], rows: pa.Table) -> None:
+        """Write the part of a unit, see `write_part`."""
+        write_part(self.path(unit), records, rows, self._bound(unit))
 
     def path(self, unit: Unit) -> Path:
         """Return the path of a unit's part."""
@@ -77,13 +93,17 @@ class Parts:
 
     def load(self, unit: Unit) -> tuple[NDArray[np.void], pa.Table] | None:
         """Return a unit's records and rows; None if it is unfinished or its part damaged; a damaged part is removed."""
-        if (part := read_part(self.path(unit))) is None:
+        if (part := read_part(self.path(unit), self._bound(unit))) is None:
             self.path(unit).unlink(missing_ok=True)
         return part
 
-    def finished(self, scenario: int) -> list[int]:
-        """Return the first numbers of a scenario's finished units."""
-        return sorted(int(path.stem.partition("-")[2]) for path in self.folder.glob(f"{scenario}-*.arrow"))
+    def files(self) -> list[tuple[Path, int, int]]:
+        """Return path, scenario and first number of each finished unit; -1 and -1 for any other file."""
+        paths = sorted(path for path in self.folder.iterdir() if path.name != RUN and not path.name.startswith("."))
+        names = [re.fullmatch(r"(\d+)-(\d{10})\.arrow", path.name) for path in paths]
+        return [
+            (path, *(map(int, name.groups()) if name else (-1, -1))) for path, name in zip(paths, names, strict=True)
+        ]
 
     def remove(self) -> None:
         """Remove the parts of a complete dataset."""
@@ -92,29 +112,46 @@ class Parts:
 
 @contextlib.contextmanager
 def parts_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Parts | None]:
-    """Open the parts of a new or resumed `run` in the output folder; yield None if the run is complete.
+    """Open the parts of a new, resumed or extended `run` in the output folder; yield None if the run is complete.
+
+    A run is extended where the folder has the same run, finished or not, for fewer kept episodes.
 
     :param run: identity of the run, as JSON values.
     :param unit: episodes in a unit of a new run.
     :raises InvalidInput: the folder has another content, or another process uses it.
     """
+    own = {name: value for name, value in run.items() if name != WANTED}
+    extended = False
     if (folder / DESCRIPTION).is_file() and ((folder / FINISHED).is_file() or not (folder / FOLDER).is_dir()):
-        require_same(folder, _read(folder / DESCRIPTION), run, "holds a dataset")
-        shutil.rmtree(folder / FOLDER, ignore_errors=True)  # a run that was killed while it removed it
-        yield None
-        return
+        found = _read(folder / DESCRIPTION)
+        extended = _more(found.get(WANTED), run[WANTED])
+        require_same(folder, found, own if extended else run, "holds a dataset")
+        if not extended:
+            shutil.rmtree(folder / FOLDER, ignore_errors=True)  # a run that was killed while it removed it
+            yield None
+            return
     with contextlib.closing(FolderLock(folder)):
         hidden = folder / FOLDER
         if not hidden.is_dir():
-            require_empty_folder(folder)
+            if not extended:
+                require_empty_folder(folder)
             hidden.mkdir()
         if (hidden / RUN).is_file():
             begun = _read(hidden / RUN)
-            require_same(folder, begun, run, "holds an unfinished run")
+            require_same(folder, begun, own, "holds an unfinished run")
             unit = int(begun["unit"])
-        else:
-            write_json(hidden / RUN, {**run, "unit": unit})
-        yield Parts(hidden, unit)
+        write_json(hidden / RUN, {**run, "unit": unit})
+        yield Parts(hidden, unit, json.dumps(own, sort_keys=True))
+
+
+def _more(found: Any, wanted: Mapping[str, int]) -> bool:
+    """Return whether more kept episodes are wanted than a dataset has of the same scenarios, and nowhere fewer."""
+    return (
+        isinstance(found, dict)
+        and found.keys() == wanted.keys()
+        and found != wanted
+        and all(found[number] <= wanted[number] for number in wanted)
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -70,6 +70,11 @@ class ScenarioPlan:
         begin = self._first + place * self._size
         return Unit(self.scenario, range(begin, begin + self._size))
 
+    def unit_from(self, number: int) -> Unit | None:
+        """Return the unit that begins with this episode; None if none does."""
+        place, rest = divmod(number - self._first, self._size)
+        return None if rest or place < 0 else self.unit(place)
+
     def hand_out(self) -> Unit:
         """Return the first unit that was not handed out yet, and count it as handed out."""
         place = next(place for place in itertools.count() if place not in self._handed_out)

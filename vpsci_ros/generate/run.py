@@ -1,6 +1,7 @@
 """`vpsci generate`: a whole dataset, resumable, by any number of workers."""
 
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,17 +15,17 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.dataset_tables import FORMATS
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, FORMATS
 from vpsci_ros.data.episode_block import KEPT, EpisodeBlock
-from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.data.parquet import arrow_schema
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.parts import FINISHED, Parts, parts_of
+from vpsci_ros.generate.parts import FINISHED, WANTED, Parts, parts_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.policy.compiling import compile_kernels
-from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 from vpsci_ros.runs.workers import Site, Workers, computed, local_workers
@@ -89,19 +90,20 @@ def generate(
     run = {
         **job.description(),
         "first_episode": first,
-        "kept_wanted": {str(number): targets[number] for number in sorted(targets)},
+        WANTED: {str(number): targets[number] for number in sorted(targets)},
         "formats": list(formats),
     } | ({"mixed_cpus": True} if mixed_cpus else {})
     versions = {"versions": software_versions()}
     begin = time.monotonic()
     with parts_of(folder, run | versions, min(unit, max(32, 2 * max(targets.values())))) as parts:
         if parts is None:
-            description = read_json(folder / DESCRIPTION)
-            _require_whole(folder, description)
-            return Generated(description, 0, (0.0, 0.0))
+            data = Dataset(folder)
+            _require_whole(data)
+            return Generated(data.description, 0, (0.0, 0.0))
         plan = DatasetPlan(targets, first, parts.unit)
-        for scenario in plan.scenarios.values():
-            _resume(scenario, parts)
+        if (folder / FINISHED).is_file():
+            _reopen(Dataset(folder), plan, parts)
+        _resume(plan, parts)
         if not plan.complete:
             compile_kernels()
         try:
@@ -124,28 +126,48 @@ def generate(
     return Generated(description, computed, seconds)
 
 
-def _require_whole(folder: Path, description: Mapping[str, Any]) -> None:
+def _require_whole(data: Dataset) -> None:
     """Refuse a finished dataset with a missing or changed file.
 
     :raises InvalidInput: a file is missing, or its content is not what dataset.json says.
     """
-    require_form(description, {"files": {"*": {"sha256": str}}}, str(folder / DESCRIPTION))
-    if lost := changed_files(folder, {name: entry["sha256"] for name, entry in description["files"].items()}):
+    if lost := data.changed():
         raise InvalidInput(
-            f"{folder}: the dataset was finished, and {', '.join(lost)} {'are' if len(lost) > 1 else 'is'} missing or "
-            "changed since; `vpsci dataset verify` says what; delete the folder to generate it again"
+            f"{data.folder}: the dataset was finished, and {', '.join(lost)} {'are' if len(lost) > 1 else 'is'} "
+            "missing or changed since; `vpsci dataset verify` says what; delete the folder to generate it again"
         )
 
 
-def _resume(scenario: ScenarioPlan, parts: Parts) -> None:
-    finished = set(parts.finished(scenario.scenario))
-    place = 0
-    while finished:
-        unit = scenario.unit(place)
-        place += 1
-        finished.discard(unit.numbers[0])
-        if (part := parts.load(unit)) is not None:
+def _reopen(data: Dataset, plan: DatasetPlan, parts: Parts) -> None:
+    """Make parts of the episodes of a finished dataset, which is to be extended.
+
+    Episodes of a unit that it holds in part are computed again.
+
+    :raises InvalidInput: a file of the dataset is missing or changed.
+    """
+    _require_whole(data)
+    for name, counts in data.scenarios.items():
+        scenario = plan.scenarios[counts["number"]]
+        records, rows = data.stored(name)
+        table, ends = rows.to_arrow().cast(arrow_schema(EPISODE_COLUMNS, {})), np.cumsum(records["rows"])
+        for begin in range(0, len(records) - parts.unit + 1, parts.unit):
+            own = slice(begin, begin + parts.unit)
+            first = int(ends[begin] - records["rows"][begin])
+            unit_rows = table.slice(first, int(ends[own.stop - 1]) - first)
+            if (unit := scenario.unit_from(int(records["count"][begin]))) is not None:
+                parts.write(unit, records[own], unit_rows)
+
+
+def _resume(plan: DatasetPlan, parts: Parts) -> None:
+    """Record the finished units, and name the files that are no part of this run."""
+    for path, number, first in parts.files():
+        scenario = plan.scenarios.get(number)
+        unit = None if scenario is None else scenario.unit_from(first)
+        part = None if unit is None else parts.load(unit)
+        if scenario is not None and unit is not None and part is not None:
             scenario.take(unit, _kept(part[0]))
+        else:
+            print(f"note: {path} is damaged or no part of this run, so it is not used", file=sys.stderr)
 
 
 def _compute(plan: DatasetPlan, workers: Workers[Unit, int], report: Report | None) -> int:
@@ -173,6 +195,8 @@ def _assemble(
     """
     names = {scenario.number: scenario.name for scenario in job.scenarios}
     keep = job.keep_rejected
+    for name in (DESCRIPTION, FINISHED):  # of the dataset that is extended: its episodes are in the parts
+        (folder / name).unlink(missing_ok=True)
     with (
         DatasetWriter(
             folder, names, provenance, filters=job.filters, formats=formats, keep_rejected=keep, resumed=True

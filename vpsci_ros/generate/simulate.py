@@ -9,11 +9,12 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, concat_blocks
 from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.parts import Parts, write_part
+from vpsci_ros.generate.parts import Parts
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.onset_range import onsets_in, ranges
@@ -82,7 +83,7 @@ def storing(job: Job, batch: int, parts: Parts, place: Place) -> Callable[[Unit]
 
     def store(unit: Unit) -> int:
         block = simulator(unit)
-        write_part(here.path(unit), block)
+        here.write(unit, block.records, arrow_rows(block))
         return int(np.count_nonzero(block.kept))
 
     return store

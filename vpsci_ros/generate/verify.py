@@ -22,6 +22,7 @@ from vpsci_ros.data.parquet import as_polars
 from vpsci_ros.documents import listed, reason, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
+from vpsci_ros.generate.parts import WANTED
 from vpsci_ros.parameters import check_sections, with_constants
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import changed_files
@@ -114,12 +115,15 @@ def _numbers(data: Dataset, scenario: str) -> NDArray[np.int64]:
 
     :raises InvalidInput: the description does not say which these are.
     """
-    where, first = data.folder / DESCRIPTION, data.description["first_episode"]
+    where, first = data.folder / DESCRIPTION, data.description.get("first_episode")
     if scenario not in data.scenarios:
         raise InvalidInput(
             f"{where}: scenarios: expected {scenario}, as configuration says; got {listed(data.scenarios)}"
         )
     count = data.scenarios[scenario]["simulated"]
+    if first is None:  # of episodes that were selected or merged
+        index = data.index().filter(pl.col("scenario") == data.scenarios[scenario]["number"])
+        return index["count"].to_numpy()
     if min(first, count) < 0 or first + count > MOST_EPISODES:
         raise InvalidInput(
             f"{where}: {scenario}: expected first_episode and simulated from 0 to {MOST_EPISODES} together, got "
@@ -176,6 +180,8 @@ def _key(row: dict[str, Any]) -> str:
 def job_of(data: Dataset) -> Job:
     """Return the job of a dataset, from its description.
 
+    Its policies have the names that their files had when the dataset was generated.
+
     :raises InvalidInput: another program made it, or its weights or this package's scenarios differ.
     """
     where, description = data.folder / DESCRIPTION, data.description
@@ -191,6 +197,8 @@ def job_of(data: Dataset) -> Job:
         ]
         job = job_from(sections, weights, own)
         digests = {agent: str(entry["sha256"]) for agent, entry in stored.items()}
+        names = {agent: str(entry["name"]) for agent, entry in stored.items()}
+        job = replace(job, policies={agent: policy.named(names[agent]) for agent, policy in job.policies.items()})
     except InvalidInput:
         raise
     except (KeyError, TypeError, AttributeError, ValueError) as error:
@@ -212,3 +220,18 @@ def job_of(data: Dataset) -> Job:
                 f"{description['versions']['vpsci_ros']} as it was installed then"
             )
     return job
+
+
+def repeated(path: Path) -> tuple[Job, dict[int, int], int, list[str]]:
+    """Return job, kept episodes wanted by scenario, first number and formats of a dataset, to generate it again.
+
+    :param path: its dataset.json.
+    :raises InvalidInput: see `job_of`, or its episodes were selected or merged.
+    """
+    data = Dataset(path.parent if path.name == DESCRIPTION else path)
+    job, found = job_of(data), data.description
+    if WANTED not in found:
+        raise InvalidInput(f"{path}: episodes that were selected or merged; generate the datasets that they come from")
+    require_form(found, {WANTED: {"*": int}, "formats": [str], "first_episode": int}, str(path))
+    targets = {int(number): count for number, count in found[WANTED].items()}
+    return job, targets, found["first_episode"], found["formats"]

@@ -34,6 +34,8 @@ def print_info(folder: str | Path, console: Console) -> None:
     :raises InvalidInput: no dataset.
     """
     data = Dataset(folder)
+    if warning := data.warning():
+        console.print(f"note: counts are those of the files as written. {warning}", soft_wrap=True, markup=False)
     _print_table_10(data, console)
     print_rejections(folder, console)
     total, kept = data.description["all"], sum(row["kept"] for row in data.scenarios.values())
