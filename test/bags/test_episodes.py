@@ -14,19 +14,20 @@ from vpsci_ros.bags.episodes import (
     chosen_episode,
 )
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.data.episode import Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import EVENT, FINISHED, STARTED
 
 
 def episode(scenario: int, number: int, outcome: str = "goal", least: float = 2.0) -> BagEpisode:
-    return BagEpisode(scenario, number, 0, 0, 10, 0, 500, outcome, least)
+    return BagEpisode(Listed.simulated((scenario, number), None, outcome, least), 0, 0, 10, 0, 500)
 
 
 EPISODES = [episode(1, 3), episode(1, 7, "collision", 0.0), episode(6, 3, "timeout", np.inf), episode(6, 8, least=1.2)]
 
 
 def names(chosen: list[BagEpisode]) -> list[str]:
-    return [one.name for one in chosen]
+    return [one.listed.name for one in chosen]
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_episodes_are_chosen_by_number_outcome_and_curvttc(conditions: tuple, ex
 
 
 def test_a_number_in_two_scenarios_needs_its_scenario() -> None:
-    assert chosen_episode(EPISODES, "7").name == "1:7"
+    assert chosen_episode(EPISODES, "7").listed.name == "1:7"
     with pytest.raises(InvalidInput, match=r"in several scenarios; name one of 1:3 \(goal\), 6:3 \(timeout\)"):
         chosen_episode(EPISODES, "3")
     with pytest.raises(InvalidInput, match="not in the bag"):
@@ -61,7 +62,8 @@ def test_events_make_episodes_and_one_whose_beginning_was_not_seen_is_left_out()
     assert log.add(4, 200, events[:1], "bag_0.mcap") == []
     assert log.unfinished == 1
     (ended,) = log.add(30, 1500, events[1:], "bag_1.mcap")
-    assert ended == BagEpisode(2, 9, 1, 4, 30, 200, 1500, "goal", 1.25, "bag_0.mcap", "bag_1.mcap")
+    listed = Listed.simulated((2, 9), None, "goal", 1.25)
+    assert ended == BagEpisode(listed, 1, 4, 30, 200, 1500, "bag_0.mcap", "bag_1.mcap")
     assert log.unfinished == 0
 
 
@@ -77,8 +79,9 @@ def test_records_agree_with_what_the_states_tell(own_bag: Path, tmp_path: Path) 
     recorded = bag_episodes(Bag(own_bag))
     states = copied(own_bag, tmp_path / "states", ("/world/state", "/safety/state"))
     for one, decoded in zip(recorded, bag_episodes(Bag(states)), strict=True):
+        assert one.listed.name == decoded.listed.name
         for name in ("scenario", "episode", "start_tick", "end_tick", "outcome"):
-            assert getattr(one, name) == getattr(decoded, name), name
+            assert one.values()[name] == decoded.values()[name], name
         for name in ("start_time", "end_time"):
             assert received(getattr(one, name)) == getattr(decoded, name), name
-        assert one.least_curvttc == pytest.approx(decoded.least_curvttc)
+        assert one.listed.least_curvttc == pytest.approx(decoded.listed.least_curvttc)

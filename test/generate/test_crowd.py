@@ -11,7 +11,7 @@ from generate.small import NETWORK, UNIT
 
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN, NEXT_SCENARIO
 from vpsci_ros.generate.bag import record_episodes
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, part_writers, simulators
@@ -42,8 +42,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_rows_of_each_pedestrian_follow_each_other_under_a_name_of_its_own(made: Path) -> None:
     rows = Dataset(made).rows(NAME)
-    assert (rows["veh_id"] == 2 * rows["count"]).all()
-    number = (rows["ped_id"] // NEXT_PEDESTRIAN).to_numpy()
+    assert (rows["veh_id"] == NEXT_SCENARIO * rows["scenario"].cast(pl.Int64) + 2 * rows["count"]).all()
+    number = (rows["ped_id"] % NEXT_SCENARIO // NEXT_PEDESTRIAN).to_numpy()
     assert set(number.tolist()) == {0, 1, 2}
     assert (rows["ped_id"] % NEXT_PEDESTRIAN == 2 * rows["count"] + 1).all()
     assert rows.group_by("count").agg(pl.col("ped_id").n_unique())["count"].n_unique() == 12

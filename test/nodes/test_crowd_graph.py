@@ -52,14 +52,15 @@ def test_a_bag_of_several_pedestrians_is_simulated_again_to_the_bit(bag: Path) -
 
 def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp_path: Path) -> None:
     episodes = bag_episodes(Bag(bag))
-    assert sorted(episode.key for episode in episodes) == [(1, 0), (1, 1), (6, 0), (6, 1)]
+    assert sorted(episode.listed.key for episode in episodes) == [(1, 0), (1, 1), (6, 0), (6, 1)]
     records = [block.records[0] for block in collected(bag)]
     people = {(int(each["scenario"]), int(each["count"])): int(each["pedestrians"]) for each in records}
     for episode in episodes:
-        assert 2 <= people[episode.key] <= 3
+        assert 2 <= people[episode.listed.key] <= 3
         (found,) = read_bag_episodes(bag, [episode])
-        assert found.pedestrians == people[episode.key]
-        assert episode.least_curvttc == (0.0 if episode.outcome == "collision" else pytest.approx(found.least_curvttc))
+        assert found.pedestrians == people[episode.listed.key]
+        expected = 0.0 if episode.listed.outcome == "collision" else pytest.approx(found.least_curvttc)
+        assert episode.listed.least_curvttc == expected
     several = sum(int(each["rows"]) for each in records)
     names = set()
     with AnyReader([bag]) as reader:

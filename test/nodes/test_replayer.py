@@ -65,7 +65,7 @@ def test_every_message_comes_as_recorded_with_a_clock_for_a_bag_without_one(play
 
 
 def test_it_begins_with_the_episode_that_is_named(player: Player, short_bag: Path) -> None:
-    episode = next(one for one in bag_episodes(Bag(short_bag)) if one.name == "6:4")
+    episode = next(one for one in bag_episodes(Bag(short_bag)) if one.listed.name == "6:4")
     states = recorded(short_bag, "/world/state", episode.start_time)
     player.play(short_bag, first_episode="6:4")
     player.to_the_end({"/world/state": len(states)})
@@ -76,7 +76,7 @@ def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
     player: Player, short_bag: Path, tmp_path: Path
 ) -> None:
     """One profile of depth 1, so the latest of the messages before the episode; the clock never runs backwards."""
-    episode = next(one for one in bag_episodes(Bag(short_bag)) if one.name == "6:4")
+    episode = next(one for one in bag_episodes(Bag(short_bag)) if one.listed.name == "6:4")
     texts = {at: serialize_message(String(data=f"at {at}")) for at in (0, 10, episode.start_time + 1)}
     kinds = {"/world/state": "vpsci_msgs/msg/WorldState", "/note": "std_msgs/msg/String"}
     topics = [BagTopic(name, kind, *describe(kind), latched=name == "/note") for name, kind in kinds.items()]

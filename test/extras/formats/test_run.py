@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.run import Options, export
 
@@ -62,8 +62,8 @@ def test_carla_csv_is_the_datasets_table_with_y_negated(dataset, tmp_path):
         path = tmp_path / "out/carla-csv" / f"{name}.csv"
         assert path.is_file() == bool(counts["kept"])
         if path.is_file():
-            theirs = pl.read_csv(path, schema={name: column.dtype for name, column in EPISODE_COLUMNS.items()})
-            ours = Dataset(dataset).rows(name)
+            theirs = pl.read_csv(path, schema={column: EPISODE_COLUMNS[column].dtype for column in TABLE_7})
+            ours = Dataset(dataset).rows(name).select(TABLE_7)
             y = [column for column in ours.columns if "_y_" in column]
             assert len(y) == 4
             same = [column for column in ours.columns if column not in (*y, "distance")]
