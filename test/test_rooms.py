@@ -11,10 +11,10 @@ import vpsci_ros
 ROOT = Path(vpsci_ros.__file__).parent
 HALL = ("errors", "documents", "parameters", "resources")
 ROOMS = (
-    *HALL, "runs", "safety", "world", "data", "policy", "cosim", "evaluation", "learning",
+    *HALL, "runs", "safety", "world", "lockstep", "data", "policy", "cosim", "evaluation", "learning",
     "report", "wire", "bags", "generate", "view", "envs", "nodes", "exam", "cli", "extras",
 )  # fmt: skip
-"""From the ground up, as `vpsci_ros/` lies in DESIGN."""
+"""From the ground up."""
 COMPILED_ROOMS = ("safety", "world", "data", "cosim", "envs")
 OF_ROS = {"rclpy", "vpsci_msgs", "rcl_interfaces", "builtin_interfaces", "launch", "launch_ros", "std_srvs"}
 

@@ -16,12 +16,13 @@ from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.nodes.config import GraphConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import Parameter, table
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
-from vpsci_ros.world.config import SimulatorConfig, WorldConfig
+from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.perception import PerceptionConfig
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -60,7 +61,7 @@ NOTES = """
   world subscribes to `/vehicle/cmd_accel` and `/vehicle/cmd_control` with depth 32.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
 - **Diagnostics.** Every node of a graph publishes a report on `/diagnostics` each second of wall time, with its
-  parameters and figures (of the world: `vpsci_ros/world/counts.py`). Like all messages of a bag, reports are stamped
+  parameters and figures (of the world: `vpsci_ros/lockstep/counts.py`). Like all messages of a bag, reports are stamped
   with simulated time. The level WARN of a report means that the node waits; ERROR means that the node rejected
   messages, or that an unexpected node publishes on one of its topics. The content of reports depends on the machine. On
   one CPU model and with one version of the package, all other messages of a bag depend on parameters, scenario files

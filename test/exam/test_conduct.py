@@ -15,10 +15,10 @@ from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.in_graph import result_of_bag
 from vpsci_ros.exam.result import Conduct, read_result
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir
-from vpsci_ros.world.counts import WorldCounts
 
 BEGINS = NodeStatus(counts=WorldCounts(tick=3, vehicle_commands=3))
 

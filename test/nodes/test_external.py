@@ -14,9 +14,9 @@ from rclpy.experimental import EventsExecutor
 
 from vpsci_msgs.msg import EpisodeEvent, WorldState
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.intervention import Intervention, as_parameter
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
-from vpsci_ros.world.intervention import Intervention, as_parameter
 
 SETTINGS = {"scenarios": [1], "episodes": 1, "batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import RecordedCounts, Silence, flood, hangs, incomplete, never_came, stands_still
 from vpsci_ros.nodes.status import NodeStatus
-from vpsci_ros.world.counts import WorldCounts
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "recorder"]
 WORLD = NodeStatus(published={"/world/state": 201, "/diagnostics": 3}, counts=WorldCounts(episodes_ended=6))

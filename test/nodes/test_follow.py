@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import NodeProcesses, _follow
 from vpsci_ros.nodes.status import NodeStatus
@@ -13,7 +14,6 @@ from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import CoreTime, core_time
 from vpsci_ros.runs.stop_request import StopRequest
-from vpsci_ros.world.counts import WorldCounts
 
 
 class Processes:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from world.helpers import SCENARIOS, frames, run
 
-from vpsci_ros.world import RUNNING, World, WorldConfig, people
+from vpsci_ros.world import RUNNING, World, WorldConfig, calibration
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.motion import RUNNING_SPEED
@@ -71,7 +71,7 @@ def test_nobody_leaps_off_the_kerb(approaches):
 def test_accelerations_never_jump_though_the_policies_brake_at_once_when_they_take_over():
     config = WorldConfig(spawn="human")
     world = World(config, SCENARIOS, PAIRS[:160], 160, 1)
-    allowed = people.JERK * config.tick + 1e-9
+    allowed = calibration.JERK * config.tick + 1e-9
     before, held = None, 0
     for state, _ in frames(world, brake_and_stop):
         if before is not None:

@@ -1,15 +1,15 @@
-"""Scenes that begin as recorded right turns do; the numbers are of `people.right_turns`, 215 onsets."""
+"""Scenes that begin as recorded right turns do; the numbers are of `calibration.right_turns`, 215 onsets."""
 
 import numpy as np
 import pytest
 from world.helpers import episodes, run
 
-from vpsci_ros.world import PARKED_COLLISION, World, WorldConfig, load_scenarios, people
+from vpsci_ros.world import PARKED_COLLISION, World, WorldConfig, calibration, load_scenarios
 from vpsci_ros.world.monitor import assess
 
 TURNS = WorldConfig(spawn="right_turns", vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=4.0)
 PAIRS = [(scenario, number) for number in range(40) for scenario in range(1, 9)]
-ONSET = people.TRACK + people.COLUMNS * people.HISTORY
+ONSET = calibration.TRACK + calibration.COLUMNS * calibration.HISTORY
 
 
 @pytest.fixture(scope="module")
@@ -26,26 +26,29 @@ def approaches():
 def recorded_of(rows):
     """The recorded onset that an episode was drawn from."""
     number = int(rows["driver_onset"][0]) - 1
-    return people.right_turns()[number]
+    return calibration.right_turns()[number]
 
 
 def test_nearly_all_become_critical_when_the_recorded_ones_did(approaches):
     assert len(approaches) > 0.97 * len(PAIRS)
-    late = np.array([(len(rows) - 1) * TURNS.tick - 0.1 * recorded_of(rows)[people.BEFORE] for rows in approaches])
+    late = np.array([(len(rows) - 1) * TURNS.tick - 0.1 * recorded_of(rows)[calibration.BEFORE] for rows in approaches])
     assert np.mean(np.abs(late) < 0.16) > 0.95
 
 
 def test_both_come_to_the_onset_as_recorded_there(approaches):
-    speed = np.array([[rows["vehicle_speed"][-1], recorded_of(rows)[ONSET + people.CAR]] for rows in approaches])
+    speed = np.array([[rows["vehicle_speed"][-1], recorded_of(rows)[ONSET + calibration.CAR]] for rows in approaches])
     assert np.quantile(np.abs(speed[:, 0] - speed[:, 1]), 0.9) < 0.5
     walk = [np.hypot(rows["pedestrian_vx"][-1], rows["pedestrian_vy"][-1]) for rows in approaches]
-    real = [np.hypot(*recorded_of(rows)[ONSET + people.WALK_ALONG : ONSET + people.COLUMNS]) for rows in approaches]
+    real = [
+        np.hypot(*recorded_of(rows)[ONSET + calibration.WALK_ALONG : ONSET + calibration.COLUMNS])
+        for rows in approaches
+    ]
     assert np.quantile(np.abs(np.array(walk) - real), 0.9) < 0.2
 
 
 def test_curvttc_at_the_onset_is_near_the_recorded_one(approaches):
     ttc = np.array([assess(rows[-1:])[0][0] for rows in approaches])
-    real = np.array([recorded_of(rows)[people.TTC] for rows in approaches])
+    real = np.array([recorded_of(rows)[calibration.TTC] for rows in approaches])
     assert np.median(np.abs(ttc - real)) < 0.3
     assert np.corrcoef(ttc, real)[0, 1] > 0.7
 

@@ -21,6 +21,8 @@ from vpsci_ros.bags.episodes import recorded_from_bag
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.counts import MISSING_ANSWERS
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import pick
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -34,8 +36,6 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
-from vpsci_ros.world.config import SimulatorConfig
-from vpsci_ros.world.counts import MISSING_ANSWERS
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import scenario_from

@@ -24,9 +24,9 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.world import Scenario, WorldConfig
+from vpsci_ros.world.calibration import GREATEST_CAR, LEAST_CAR
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinematics import drive
-from vpsci_ros.world.people import GREATEST_CAR, LEAST_CAR
 
 
 class Drive(NamedTuple):

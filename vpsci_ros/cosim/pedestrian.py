@@ -29,10 +29,10 @@ from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import visible_share
 from vpsci_ros.world import Scenario, WorldConfig
+from vpsci_ros.world.calibration import LEAST_WALK
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinematics import walk
 from vpsci_ros.world.parked import EYE_FORWARD, LEAST_VISIBLE
-from vpsci_ros.world.people import LEAST_WALK
 
 
 class Walk(NamedTuple):

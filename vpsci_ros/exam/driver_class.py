@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from vpsci_ros.documents import printable, shown
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.external_driver import LARGEST_ACCELERATION
 from vpsci_ros.wire.layout import PlanarMotion, motion_of
 from vpsci_ros.world import IDLE, Scenario
 from vpsci_ros.world.perception import SEEN
-from vpsci_ros.world.safe_stop import LARGEST_ACCELERATION
 from vpsci_ros.world.tables import Tables, tables_from
 
 _SHOWN = 300  # characters of an error in a report

@@ -18,6 +18,8 @@ from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, 
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
+from vpsci_ros.lockstep.engines import require_own
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
@@ -29,9 +31,7 @@ from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
-from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.crowd import CrowdConfig
-from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.perception import PerceptionConfig
 
 _CHECKED_AGAIN = ("fail_if", "failure", "allow_standing")  # parameters that may change when an exam is checked again

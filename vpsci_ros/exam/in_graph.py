@@ -22,12 +22,12 @@ from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.wire.layout import EVENTS
-from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.state import IDLE, VEHICLE_ACTION_MISSING
 
 if TYPE_CHECKING:

@@ -23,6 +23,7 @@ from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
 from vpsci_ros.exam.report import BASELINE
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
+from vpsci_ros.lockstep.intervention import Interventions
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -32,7 +33,6 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, write_record
 from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
-from vpsci_ros.world.intervention import Interventions
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import PerceptionConfig, blank, perceive

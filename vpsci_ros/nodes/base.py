@@ -19,6 +19,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
@@ -30,7 +31,6 @@ from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
 from vpsci_ros.runs.config import PeerConfig
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
-from vpsci_ros.world.counts import WorldCounts
 
 T = TypeVar("T")
 FLUSH_LIMIT = 4.0  # [s] for the recorder to receive a topic's last messages

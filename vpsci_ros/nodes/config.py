@@ -6,10 +6,11 @@ from typing import Any
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import build, parameter
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
-from vpsci_ros.world.config import SimulatorConfig, WorldConfig
+from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.perception import PerceptionConfig
 
 NODES = (

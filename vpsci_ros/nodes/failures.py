@@ -7,10 +7,10 @@ At its end: `incomplete`. An empty text or list means that nothing failed.
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.processes import ChildProcess
-from vpsci_ros.world.counts import WorldCounts
 
 RESPONDENTS = {"safety_monitor": "safety", "vehicle_policy": "vehicle", "pedestrian_policy": "pedestrian"}
 ADS = "an external driving system"  # among what the world waits for

@@ -14,6 +14,8 @@ from std_msgs.msg import Header
 
 from vpsci_msgs.msg import VehicleControl
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.external_driver import ExternalDriver
+from vpsci_ros.lockstep.lock_step import SAFETY, LockStep
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.failures import ADS
 from vpsci_ros.nodes.topics import COMMANDS
@@ -21,8 +23,6 @@ from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import read_action, read_safety_state
 from vpsci_ros.wire.layout import MAP, WORLD
-from vpsci_ros.world.lockstep import SAFETY, LockStep
-from vpsci_ros.world.safe_stop import ExternalDriver
 
 ANNOUNCED_PATIENCE = 3.0  # [s] to wait for announced readers of the state that have not subscribed yet
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.lockstep.counts import WorldCounts
 
 PIPE = "VPSCI_STATUS_PIPES"
 """Environment variable: "NODE=NUMBER,...", the file descriptors to which the nodes of the process write."""

@@ -1,6 +1,6 @@
 """The world as a node: publishes tick k, waits for the answers to tick k, moves on to tick k + 1.
 
-What an answer is, when to wait and when to go on is in `world.lockstep`, the loop itself in `world.loop`.
+What an answer is, when to wait and when to go on is in `lockstep.lock_step`, the loop itself in `world.loop`.
 """
 
 import time
@@ -16,18 +16,18 @@ from std_srvs.srv import SetBool, Trigger
 from vpsci_ros.bags.episodes import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
+from vpsci_ros.lockstep.counts import MISSING_ANSWERS, WorldCounts
+from vpsci_ros.lockstep.engines import ENGINES
+from vpsci_ros.lockstep.external_driver import ExternalDriver
+from vpsci_ros.lockstep.intervention import Interventions
+from vpsci_ros.lockstep.lock_step import LockStep
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
-from vpsci_ros.world.config import SimulatorConfig
-from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
-from vpsci_ros.world.engines import ENGINES
-from vpsci_ros.world.intervention import Interventions
-from vpsci_ros.world.lockstep import LockStep
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.state import FINISHED
 
 REPEAT_AFTER = 1.0  # [s] without an answer to the first tick

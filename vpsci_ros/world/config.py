@@ -107,38 +107,3 @@ class WorldConfig:
     def release_ticks(self) -> int:
         """Ticks after the last critical one in which the policies keep control."""
         return round(self.release_time / self.tick)
-
-
-@dataclass(frozen=True)
-class SimulatorConfig:
-    """The node `world_simulator`: its engine, its pace, commands from outside, and what it publishes."""
-
-    engine: str = parameter(
-        "vpsci", "vpsci: this package's kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
-    )
-    action_timeout: float = parameter(
-        2.0,
-        "wall time to wait for an answer; without an action the rule-based driver acts until the next one",
-        unit="s",
-        low=0.01,
-        high=3600.0,
-        read_only=False,
-    )
-    real_time_factor: float = parameter(
-        0.0, "ratio of simulated time to wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
-    )
-    external_mode: str = parameter(
-        "lock_step",
-        "lock_step: wait for a command at every tick, at most action_timeout; real_time: advance at real_time_factor "
-        "(at 1 if real_time_factor is 0), hold the last command for 0.5 s, then brake",
-        choices=("lock_step", "real_time"),
-    )
-    interventions: list[float] = parameter(
-        [],
-        "set by `vpsci ads-why` and `ads-protocol`; for each episode: scenario, number, frame, change of speed [m/s], "
-        "additional braking [m/s2], speed held until the system brakes with 3 m/s2 [m/s], number of forced "
-        "accelerations, and these accelerations from the frame on [m/s2]",
-    )
-    recorded_bag: str = parameter(
-        "", "bag whose motion the driver replay follows; it needs the run's scenarios and episode numbers"
-    )

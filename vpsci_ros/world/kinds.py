@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter, values_of
+from vpsci_ros.world.calibration import START_ACCELERATION
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_KIND, draw, normal_pair, unit
-from vpsci_ros.world.people import START_ACCELERATION
 
 KINDS = ("adult", "older", "child", "distracted", "wheelchair", "stroller")
 ADULT, CHILD = KINDS.index("adult"), KINDS.index("child")

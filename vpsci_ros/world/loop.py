@@ -12,7 +12,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world.intervention import Interventions
 from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
@@ -24,6 +23,13 @@ class Agent(Protocol):
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.floating[Any]]:
         """Return accelerations [m/s2], float[B, 2], (longitudinal, lateral); used where `assessment.acting`."""
+
+
+class Interventions(Protocol):
+    """Changes between an external driver's commands and the car: `vpsci_ros.lockstep.intervention.Interventions`."""
+
+    def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
+        """Return the actions at a tick, changed; `state`: EPISODE[B] of the tick."""
 
 
 class Loop:

@@ -23,10 +23,10 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
 from vpsci_ros.resources import params_dir
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
+from vpsci_ros.world.calibration import WAITING
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.opendrive import expand
 from vpsci_ros.world.paths import Path, resample
-from vpsci_ros.world.people import WAITING
 
 Points: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]

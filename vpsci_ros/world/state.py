@@ -51,7 +51,7 @@ _QUANTITIES = (
     "reaction_delay",  # [s] after the hand-over before the policy moves the walker; infinity: never
     "pedestrian_ax",  # [m/s2] of the last tick
     "pedestrian_ay",  # [m/s2]
-    # how the two approach each other, drawn by the spawns `right_turns` and `human`; see `people`
+    # how the two approach each other, drawn by the spawns `right_turns` and `human`; see `calibration`
     "meeting_s",  # [m] along the lane's centreline: where the walker's line crosses it
     "approach_acceleration",  # [m/s2] within which the driver keeps its speed, to the meeting
     "approach_phase",  # 0 to 1

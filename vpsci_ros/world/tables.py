@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.world.calibration import TURNING_DECELERATION, mirrored, right_turns
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, SPAWNS, VEHICLE_DRIVERS, WorldConfig
 from vpsci_ros.world.crowd import Crowd
 from vpsci_ros.world.lane_driving import comfortable_speeds
 from vpsci_ros.world.paths import Path
-from vpsci_ros.world.people import TURNING_DECELERATION, mirrored, right_turns
 from vpsci_ros.world.scenario import Scenario
 
 _QUANTITIES = (
@@ -51,7 +51,7 @@ class Tables(NamedTuple):
     lane_speed: NDArray[np.float64]  # [R, N] comfortable speeds along them [m/s]
     turning_speed: NDArray[np.float64]  # [R, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
     walk: NDArray[np.float64]  # [R, M, 2] walking routes [m]
-    onsets: NDArray[np.float64]  # [2 N, 50] `people.right_turns`, and the same mirrored
+    onsets: NDArray[np.float64]  # [2 N, 50] `calibration.right_turns`, and the same mirrored
     parked: NDArray[np.float64]  # [R, K, 5] parked vehicles, as `Scenario.parked`; padding far away
 
 

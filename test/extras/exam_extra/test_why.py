@@ -20,8 +20,8 @@ from vpsci_ros.exam.view import came_first, failure_group
 from vpsci_ros.extras.exam_extra.explain import explain_exam
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
 from vpsci_ros.extras.exam_extra.why import Search
+from vpsci_ros.lockstep.intervention import NOT_FORCED, Intervention, from_parameter
 from vpsci_ros.resources import params_dir
-from vpsci_ros.world.intervention import NOT_FORCED, Intervention, from_parameter
 
 
 def episode(speed: list[float], curvttc: list[float], ahead: float = 2.6, outcome: str = "collision") -> Episode:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from vpsci_ros.cosim import Vehicle, Walker
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.carla.server import Controls, LiveServer, Server
+from vpsci_ros.lockstep.engines import Engine
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, engine
-from vpsci_ros.world.engines import Engine
 from vpsci_ros.world.tables import Inputs
 
 ABSENT = 500.0  # [m] from the vehicle: nobody is there (an exam's reference), and the server gets no walker

@@ -22,10 +22,10 @@ from vpsci_ros.exam.result import RunResult, label_of
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.person import Person
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.view.pack import Source, shown
 from vpsci_ros.view.page import write_view
-from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.tick import Actions
 
 RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it is loaded again

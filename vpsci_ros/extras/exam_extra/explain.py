@@ -19,13 +19,13 @@ from vpsci_ros.exam.report import ADS, definitions, rows_of
 from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group, stored_episodes
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
+from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.report import html
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.view.pack import LIMIT, Shown, Source, shown
 from vpsci_ros.view.page import write_view
-from vpsci_ros.world.engines import require_own
 
 FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"

@@ -12,8 +12,8 @@ import numpy as np
 
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.lockstep.intervention import BRAKING, NOT_FORCED, Intervention, as_parameter
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.world.intervention import BRAKING, NOT_FORCED, Intervention, as_parameter
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 
 LONGEST = 3.0  # [s] by which braking is made earlier at most

@@ -27,6 +27,8 @@ from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.result import RunResult, result_of_ticks
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
+from vpsci_ros.lockstep.engines import require_own
+from vpsci_ros.lockstep.intervention import Intervention, as_parameter
 from vpsci_ros.report import html
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
@@ -35,8 +37,6 @@ from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.page import write_view
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
-from vpsci_ros.world.engines import require_own
-from vpsci_ros.world.intervention import Intervention, as_parameter
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.observation import to_heading_frame
 

@@ -22,9 +22,9 @@ from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.driver_class import Begin, Driver, Observation
 from vpsci_ros.exam.exam import Exam, prepare, require_lock_step
 from vpsci_ros.exam.process import OWN, command_of, failure, running
+from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import ChildProcess
-from vpsci_ros.world.engines import require_own
 
 PORT = "VPSCI_ADS_PORT"  # environment variable in which a system that is started here finds the port
 HELLO = {"type": "hello", "protocol": "vpsci-ads", "version": 1}

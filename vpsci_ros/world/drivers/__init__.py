@@ -8,12 +8,12 @@ Vehicle and pedestrians decide on the same frame: `controls` and `keep_apart` ar
 `acceleration` reads the pedestrian's own record only.
 """
 
-from vpsci_ros.world.approach import lane_sway, step_towards
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.drivers import autopilot, constant_velocity, external, policy, social_force, walker
 from vpsci_ros.world.lane_driving import pursuit_curvature
 from vpsci_ros.world.spawns import as_recorded
+from vpsci_ros.world.spawns.approach import lane_sway, step_towards
 
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
 CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")

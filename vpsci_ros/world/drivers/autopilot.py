@@ -10,11 +10,11 @@ import math
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import kinematics
-from vpsci_ros.world.approach import drive_then, drivers_acceleration, onset_time
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.lane_driving import speed_acceleration
 from vpsci_ros.world.observation import to_heading_frame
 from vpsci_ros.world.spawns import as_recorded
+from vpsci_ros.world.spawns.approach import drive_then, drivers_acceleration, onset_time
 
 _HALF_LENGTH = 0.5 * VEHICLE_LENGTH
 _STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side

@@ -1,9 +1,9 @@
 """The policy drivers: an agent moves by its policy's last action, held until the next policy frame."""
 
 from vpsci_ros.world import kinematics
+from vpsci_ros.world.calibration import limited
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.observation import from_heading_frame
-from vpsci_ros.world.people import limited
 from vpsci_ros.world.spawns import as_recorded
 
 

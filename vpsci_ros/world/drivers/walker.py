@@ -6,10 +6,10 @@ recorded pedestrian until the onset.
 
 import math
 
-from vpsci_ros.world.approach import line_offset, onset_time, walker_speed, walks_then
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.paths import line_at
 from vpsci_ros.world.spawns import as_recorded
+from vpsci_ros.world.spawns.approach import line_offset, onset_time, walker_speed, walks_then
 
 WALK_ACCELERATION = 2.5  # [m/s2] with which the walker changes its velocity
 WALK_LOOK_AHEAD = 2.0  # [m]

@@ -8,14 +8,14 @@ onset both are traced back along lane and route to the spawn. Further walkers jo
 import math
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.world import people
-from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, onset_time, walk_then, walker_speed
+from vpsci_ros.world import calibration
+from vpsci_ros.world.calibration import car_speed, quantile, sway
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
 from vpsci_ros.world.kinds import ADULT, CHILD, SET_OFF, speed_of_kind
 from vpsci_ros.world.lane_driving import pursuit_curvature
 from vpsci_ros.world.paths import line_at, nearest
-from vpsci_ros.world.people import car_speed, quantile, sway
+from vpsci_ros.world.spawns.approach import bend_speed, lane_sway, line_offset, onset_time, walk_then, walker_speed
 
 EARLIEST, LATEST = 1.0, 2.0  # [s] from the spawn to the onset
 AHEAD = 5.0  # [s] from the onset to the collision of two who do not react
@@ -69,16 +69,16 @@ def meet_car(episode, leader, row, tables, seed, drives, turning):  # type: igno
 def draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
     """Draw the driver; return the speed at the onset [m/s]."""
     driver, car_sway = draw(episode, seed, STREAM_SPAWN, _DRIVER), draw(episode, seed, STREAM_SPAWN, _CAR_SWAY)
-    speed = quantile(people.CAR_SPEED, unit(driver[0]))
+    speed = quantile(calibration.CAR_SPEED, unit(driver[0]))
     episode.cruise_throttle = speed / row.full_throttle_speed
-    episode.approach_acceleration = _OF_A_WAVE * quantile(people.CAR_ACCELERATION, unit(driver[1]))
+    episode.approach_acceleration = _OF_A_WAVE * quantile(calibration.CAR_ACCELERATION, unit(driver[1]))
     comfort, _ = normal_pair(unit(driver[2]), unit(driver[3]))
-    spread = people.LATERAL_SPREAD * min(2.0, max(-2.0, comfort))
-    episode.lateral_comfort = people.LATERAL_COMFORT + spread
+    spread = calibration.LATERAL_SPREAD * min(2.0, max(-2.0, comfort))
+    episode.lateral_comfort = calibration.LATERAL_COMFORT + spread
     episode.approach_phase = unit(car_sway[2])
-    episode.drive_on = quantile(people.DRIVES_ON, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[0]))
+    episode.drive_on = quantile(calibration.DRIVES_ON, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[0]))
     sine, cosine = _wave(car_sway)
-    episode.lane_sine, episode.lane_cosine = people.CAR_WANDER * sine, people.CAR_WANDER * cosine
+    episode.lane_sine, episode.lane_cosine = calibration.CAR_WANDER * sine, calibration.CAR_WANDER * cosine
     return speed
 
 
@@ -99,19 +99,19 @@ def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped
     """Draw the walker and its line; with `turning` from recorded right turns."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
     episode.walking_phase = unit(walk_sway[2])
-    stride = quantile(people.STRIDES, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[1]))
+    stride = quantile(calibration.STRIDES, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[1]))
     episode.stride = stride * SET_OFF[episode.kind] / SET_OFF[ADULT]
     sine, cosine = _wave(walk_sway)
-    episode.walk_sine, episode.walk_cosine = people.WALK_WANDER * sine, people.WALK_WANDER * cosine
+    episode.walk_sine, episode.walk_cosine = calibration.WALK_WANDER * sine, calibration.WALK_WANDER * cosine
     if turning:
         onset = tables.onsets[int(unit(walker[0]) * tables.onsets.shape[0])]
         time = onset_time(onset)
-        pace, change = max(people.LEAST_WALK, _pace(onset, time)), (_pace(onset, time) - _pace(onset, 0.0)) / time
-        oblique = people.SLOPE + people.SLOPE_SPREAD * (2.0 * unit(walker[2]) - 1.0)
+        pace, change = max(calibration.LEAST_WALK, _pace(onset, time)), (_pace(onset, time) - _pace(onset, 0.0)) / time
+        oblique = calibration.SLOPE + calibration.SLOPE_SPREAD * (2.0 * unit(walker[2]) - 1.0)
     else:
-        pace = quantile(people.WALKING_SPEED, unit(walker[0]))
-        change = quantile(people.WALKING_ACCELERATION, unit(walker[1]))
-        oblique = math.tan(quantile(people.OBLIQUE, unit(walker[2])))
+        pace = quantile(calibration.WALKING_SPEED, unit(walker[0]))
+        change = quantile(calibration.WALKING_ACCELERATION, unit(walker[1]))
+        oblique = math.tan(quantile(calibration.OBLIQUE, unit(walker[2])))
     episode.walking_speed = speed_of_kind(episode, seed, pace)
     episode.walking_acceleration = _OF_A_WAVE * change
     offset = row.lowest_offset + unit(walker[3]) * (row.highest_offset - row.lowest_offset)
@@ -123,7 +123,7 @@ def _meet(episode, row, meeting, onset, speed):  # type: ignore[no-untyped-def]
     """Draw how much later than the car the walker is at the crossing [s], and whether it waits at the kerb before."""
     episode.start_delay = unit(meeting[3]) * onset if unit(meeting[2]) < row.waiting else 0.0
     side = 2.0 * unit(meeting[1]) - 1.0  # the car is later, or the walker
-    beside = quantile(people.BESIDE, abs(side)) * (1.0 if side >= 0.0 else -1.0)
+    beside = quantile(calibration.BESIDE, abs(side)) * (1.0 if side >= 0.0 else -1.0)
     return beside * (_HALF_LENGTH / speed + _HALF_WIDTH / episode.walking_speed)
 
 
@@ -159,8 +159,8 @@ def put_car(episode, row, tables, s, speed):  # type: ignore[no-untyped-def]
     """Put the car in its lane at arc length `s` [m], at this speed [m/s]."""
     lane = tables.lane, episode.table, row.lane_count, row.lane_step
     x, y, ux, uy = line_at(*lane, s)
-    here = sway(episode.lane_sine, episode.lane_cosine, people.CAR_WAVE, s)
-    there = sway(episode.lane_sine, episode.lane_cosine, people.CAR_WAVE, s + row.lane_step)
+    here = sway(episode.lane_sine, episode.lane_cosine, calibration.CAR_WAVE, s)
+    there = sway(episode.lane_sine, episode.lane_cosine, calibration.CAR_WAVE, s + row.lane_step)
     episode.route_s = s
     episode.vehicle_x, episode.vehicle_y = x - here * uy, y + here * ux
     episode.vehicle_heading = math.atan2(uy, ux) + math.atan((there - here) / row.lane_step)

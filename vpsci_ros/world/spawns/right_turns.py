@@ -1,6 +1,6 @@
 """The spawn `right_turns`: up to a second before a recorded onset, with the recorded motion until then.
 
-A row of `people.right_turns` is one recorded onset: where the walker is seen from the car, and how fast both were, how
+A row of `calibration.right_turns` is one recorded onset: where the walker is seen from the car, how fast both were, how
 the car steered and which way the walker walked, at each step of the second before. The car is put into the lane where
 the walker then walks along the scenario's crossing and where the lane turns as the recorded car turned afterwards.
 Onsets that fit the scenario badly are drawn seldom. Until the onset, both move as recorded (`approach`).
@@ -17,13 +17,13 @@ from vpsci_ros.safety import (
     curvttc_pair,
     touches_box,
 )
-from vpsci_ros.world import people
-from vpsci_ros.world.approach import drive_then, line_offset, onset_time, walk_then, walks_then
+from vpsci_ros.world import calibration
+from vpsci_ros.world.calibration import AHEAD, LEFT, TURNS, WAY
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
 from vpsci_ros.world.kinds import ADULT, CHILD
 from vpsci_ros.world.paths import line_at, nearest, project
-from vpsci_ros.world.people import AHEAD, LEFT, TURNS, WAY
+from vpsci_ros.world.spawns.approach import drive_then, line_offset, onset_time, walk_then, walks_then
 from vpsci_ros.world.spawns.human import draw_driver, draw_walker, meet_car, place_walker, put, put_car
 
 __all__ = ["begin", "join", "put"]
@@ -139,7 +139,7 @@ def _put_at_onset(episode, row, tables, s, first, second, third):  # type: ignor
     d, e = normal_pair(unit(second[2]), unit(second[3]))
     episode.approach_pace = 1.0 + CAR_PACE * _within(a)
     speed = drive_then(onset, time)[0] * episode.approach_pace
-    episode.cruise_throttle = max(people.LEAST_CAR, speed) / row.full_throttle_speed
+    episode.cruise_throttle = max(calibration.LEAST_CAR, speed) / row.full_throttle_speed
     episode.approach_acceleration = 0.0
     sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
     bend = (1.02 * speed / tables.turning_speed[episode.table, sample]) ** 2
@@ -165,7 +165,7 @@ def _put_at_onset(episode, row, tables, s, first, second, third):  # type: ignor
         episode.walking_speed = max(episode.walking_speed, factor * pace)
     _walk_on(episode, row, tables, stands, math.cos(turned) * along - math.sin(turned) * left,
              math.sin(turned) * along + math.cos(turned) * left)  # fmt: skip
-    return time + max(0.5, (episode.meeting_s - episode.route_s) / max(people.LEAST_CAR, speed))
+    return time + max(0.5, (episode.meeting_s - episode.route_s) / max(calibration.LEAST_CAR, speed))
 
 
 @kernel

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.counts import WorldCounts
+from vpsci_ros.lockstep.external_driver import ExternalDriver
+from vpsci_ros.lockstep.lock_step import REPLAY_WINDOW, LockStep
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
-from vpsci_ros.world.config import SimulatorConfig
-from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.lockstep import REPLAY_WINDOW, LockStep
-from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.tick import Assessment, Tick
 
 PATIENT = SimulatorConfig(action_timeout=2.0)

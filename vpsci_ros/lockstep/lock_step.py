@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.config import SimulatorConfig, WorldConfig
-from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.lockstep.counts import WorldCounts
+from vpsci_ros.lockstep.external_driver import ExternalDriver
+from vpsci_ros.lockstep.simulator_config import SimulatorConfig
+from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.state import NO_EVENTS, RUNNING
 from vpsci_ros.world.tick import Actions, Assessment, Floats, Tick, finite_pairs
 

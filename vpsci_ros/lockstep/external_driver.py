@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.world.state import EPISODE, EVENT, NO_EVENTS, RUNNING, SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
 

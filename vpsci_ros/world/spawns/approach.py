@@ -7,12 +7,8 @@ the autopilot brakes.
 
 import math
 
-from vpsci_ros.world import people
-from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.kinds import SET_OFF
-from vpsci_ros.world.lane_driving import SPEED_TIME, look_ahead
-from vpsci_ros.world.observation import STEP
-from vpsci_ros.world.people import (
+from vpsci_ros.world import calibration
+from vpsci_ros.world.calibration import (
     BEFORE,
     CAR,
     COLUMNS,
@@ -26,6 +22,10 @@ from vpsci_ros.world.people import (
     sway,
     walking_pace,
 )
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.kinds import SET_OFF
+from vpsci_ros.world.lane_driving import SPEED_TIME, look_ahead
+from vpsci_ros.world.observation import STEP
 
 GENTLE = 0.8  # [m/s2] with which a driver brakes at least for somebody ahead
 BRAKING = 2.5  # [m/s2] of a driver that nothing threatens
@@ -36,8 +36,8 @@ ROOM = 1.0  # [m] at which a car stops before somebody
 @kernel
 def line_offset(episode, row, s):  # type: ignore[no-untyped-def]
     """Return the offset [m] of a walker to the left of its route at arc length `s` [m]."""
-    oblique = episode.walk_slope * min(people.STRAIGHTENS, max(-people.OBLIQUE_FROM, s - row.conflict))
-    return episode.pedestrian_offset + oblique + sway(episode.walk_sine, episode.walk_cosine, people.WALK_WAVE, s)
+    oblique = episode.walk_slope * min(calibration.STRAIGHTENS, max(-calibration.OBLIQUE_FROM, s - row.conflict))
+    return episode.pedestrian_offset + oblique + sway(episode.walk_sine, episode.walk_cosine, calibration.WALK_WAVE, s)
 
 
 @kernel
@@ -57,7 +57,7 @@ def walker_speed(episode, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def onset_time(onset):  # type: ignore[no-untyped-def]
-    """Return the time after the spawn [s] at which a row of `people.right_turns` becomes critical."""
+    """Return the time after the spawn [s] at which a row of `calibration.right_turns` becomes critical."""
     return STEP * onset[BEFORE]
 
 
@@ -95,7 +95,7 @@ def walks_then(episode, onset, time):  # type: ignore[no-untyped-def]
 def lane_sway(episode):  # type: ignore[no-untyped-def]
     """Return the offset [m], to the left of the lane's centre, of the point that this driver steers to."""
     ahead = look_ahead(episode.route_s, episode.vehicle_speed)
-    return sway(episode.lane_sine, episode.lane_cosine, people.CAR_WAVE, ahead)
+    return sway(episode.lane_sine, episode.lane_cosine, calibration.CAR_WAVE, ahead)
 
 
 @kernel
@@ -106,7 +106,7 @@ def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-
     if episode.route_s < episode.meeting_s:
         wanted = car_speed(cruise, episode.approach_acceleration, episode.approach_phase, episode.frame * period)
     else:
-        wanted = min(people.GREATEST_CAR, cruise + people.DRIVE_ON)
+        wanted = min(calibration.GREATEST_CAR, cruise + calibration.DRIVE_ON)
     wanted = min(wanted, bend_speed(episode, row, tables, episode.route_s))
     along = min(episode.drive_on, max(-BRAKING, (wanted - speed) / SPEED_TIME))
     if gap < math.inf:
@@ -118,6 +118,6 @@ def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-
 def step_towards(episode, ax, ay, period):  # type: ignore[no-untyped-def]
     """Return the acceleration (ax, ay) [m/s2] nearest to the given one that the limit of the walker's jerk allows."""
     dx, dy = ax - episode.pedestrian_ax, ay - episode.pedestrian_ay
-    change, most = math.sqrt(dx * dx + dy * dy), people.JERK * period
+    change, most = math.sqrt(dx * dx + dy * dy), calibration.JERK * period
     share = 1.0 if change <= most else most / change
     return episode.pedestrian_ax + share * dx, episode.pedestrian_ay + share * dy

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.intervention import NOT_FORCED, Intervention, Interventions, as_parameter, from_parameter
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.intervention import NOT_FORCED, Intervention, Interventions, as_parameter, from_parameter
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.lockstep.counts import WorldCounts
+from vpsci_ros.lockstep.external_driver import ExternalDriver
 from vpsci_ros.world import EPISODE, RUNNING
-from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.state import SAFE_STOP
 from vpsci_ros.world.tick import Tick
 
