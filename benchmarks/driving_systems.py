@@ -22,10 +22,10 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.config import ADS, BASELINE, title_of
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.measures import EPISODES
-from vpsci_ros.exam.report import ADS, BASELINE, differences
+from vpsci_ros.exam.report import differences
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.scores import MEASURES, estimate
 from vpsci_ros.policy.config import LEARNED

@@ -226,6 +226,7 @@ def _pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[Key, int, int, int
         yield key, begin, end, people
 
 
+EXAM = "exam.json"  # what an exam is, in its folder
 FRAMES = "frames.parquet"  # of a run of an exam
 
 

@@ -6,14 +6,15 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
+from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
+from vpsci_ros.exam.config import ADS
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import EPISODES, read_episode_table
-from vpsci_ros.exam.report import ADS, FAILED_BEFORE, as_dict, differences, rows_of
+from vpsci_ros.exam.report import FAILED_BEFORE, as_dict, differences, rows_of
 from vpsci_ros.runs.identity import require_same
-from vpsci_ros.view.episode_sources import EXAM
 
 Failing = Mapping[str, Mapping[str, list[str]]]
 """Pedestrian -> "fixed", "newly_failed", "still_failing", or "failing" alone -> episodes, "1:4"."""

@@ -15,6 +15,7 @@ SILENT_TICKS = 20  # in a row without a usable command, after which an ADS has f
 SURPLUS_LIMIT = 100  # commands a tick beyond the first one; an ADS that sends more floods, and has failed
 EXTERNAL = "external"  # an ADS that the user starts himself
 PERSON = "you"  # a person drives (`vpsci drive`)
+ADS, BASELINE = "ads", "autopilot"  # drivers of an exam: the system under test, and the autopilot beside it
 ALONE = "alone"  # the empty road: the reference of the time lost
 DRIVERS = {
     LEARNED: "policy",

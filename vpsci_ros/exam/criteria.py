@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import title_of
-from vpsci_ros.exam.report import ADS, CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
+from vpsci_ros.exam.config import ADS, title_of
+from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
 from vpsci_ros.exam.scores import MEASURES, NO_CONTACT
 from vpsci_ros.policy.config import LEARNED
 

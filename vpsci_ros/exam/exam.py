@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json, require_form
@@ -25,11 +26,10 @@ from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import near_misses_path, weights_path
-from vpsci_ros.runs.config import RunConfig, Sections
+from vpsci_ros.runs.config import PatienceConfig, RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
-from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.perception import PerceptionConfig
@@ -72,6 +72,11 @@ class Exam:
     def simulator(self) -> SimulatorConfig:
         """Configuration of `world_simulator`, such as its engine."""
         return self.sections.get(SimulatorConfig, "world_simulator")
+
+    @property
+    def patience(self) -> float:
+        """Time [s] for which the exam waits for an answer or for progress."""
+        return self.sections.get(PatienceConfig, "graph").progress_timeout
 
     @property
     def opponents(self) -> list[str]:

@@ -23,7 +23,6 @@ from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.config import Sections
@@ -56,7 +55,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
     from vpsci_ros.nodes.graph import run_graph
 
     silent = Silence(SILENT_TICKS)
-    patience = exam.sections.get(GraphConfig, "graph").progress_timeout
+    patience = exam.patience
     reasons: list[str] = []
     begun = time.monotonic()
     with contextlib.ExitStack() as stack:

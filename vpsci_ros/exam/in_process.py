@@ -18,13 +18,11 @@ from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.class_process import class_process
-from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.config import BASELINE, title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
-from vpsci_ros.exam.report import BASELINE
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.lockstep.intervention import Interventions
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.compiling import compile_kernels
@@ -109,7 +107,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
 @contextlib.contextmanager
 def _driver_answers(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
     """Yield the function that has the driving system answer for every car of a loop."""
-    patience = exam.sections.get(GraphConfig, "graph").progress_timeout
+    patience = exam.patience
     cars = len(loop.world.state) // loop.world.config.pedestrians
     with contextlib.ExitStack() as stack:
         if exam.driver is not None:

@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.exam.comparison import Failing
-from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.config import ADS, BASELINE, title_of
 from vpsci_ros.exam.power import can_see
-from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.runs.files import write_text
 

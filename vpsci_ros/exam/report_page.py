@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
+from vpsci_ros.exam.config import ADS, ALONE, BASELINE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import verdict_value
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.power import can_see
-from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, rows_of
+from vpsci_ros.exam.report import FAILED_BEFORE, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES
 from vpsci_ros.exam.view import MARKS
 from vpsci_ros.policy.config import LEARNED

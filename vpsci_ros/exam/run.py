@@ -17,14 +17,14 @@ from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ALONE
+from vpsci_ros.exam.config import ADS, ALONE, BASELINE
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
-from vpsci_ros.exam.report import ADS, BASELINE, make_report, standing
+from vpsci_ros.exam.report import make_report, standing
 from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import autopilot_file, exam_sources

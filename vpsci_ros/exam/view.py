@@ -8,17 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
+from vpsci_ros.data.dataset_reader import EXAM, FRAMES, EpisodeFile
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import ALONE, title_of
+from vpsci_ros.exam.config import ADS, ALONE, BASELINE, title_of
 from vpsci_ros.exam.measures import read_episode_table
-from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.result import run_folder
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH, contact_step
-from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.view.pack import Shown, Source
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}

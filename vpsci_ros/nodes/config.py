@@ -9,7 +9,7 @@ from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfi
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import build, parameter
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.runs.config import PeerConfig, RunConfig
+from vpsci_ros.runs.config import PatienceConfig, PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.perception import PerceptionConfig
 
@@ -26,17 +26,10 @@ EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `vpsci node`
 
 
 @dataclass(frozen=True)
-class GraphConfig:
+class GraphConfig(PatienceConfig):
     """The nodes of a graph, and how they run together."""
 
     nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes to run", choices=NODES)
-    progress_timeout: float = parameter(
-        60.0,
-        "wall time without progress after which the run fails; starting and waiting for a core do not count",
-        unit="s",
-        low=1.0,
-        high=86400.0,
-    )
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
     composed: bool = parameter(
         False,

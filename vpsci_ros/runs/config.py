@@ -18,6 +18,19 @@ class PeerConfig:
 
 
 @dataclass(frozen=True)
+class PatienceConfig:
+    """How long a run may take without progress."""
+
+    progress_timeout: float = parameter(
+        60.0,
+        "wall time without progress after which the run fails; starting and waiting for a core do not count",
+        unit="s",
+        low=1.0,
+        high=86400.0,
+    )
+
+
+@dataclass(frozen=True)
 class RunConfig:
     """The episodes that a run simulates, and how many in parallel."""
 

@@ -9,13 +9,14 @@ from typing import Any
 
 import polars as pl
 
+from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.config import ADS, title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.measures import read_episode_table
-from vpsci_ros.exam.report import ADS, definitions, rows_of
+from vpsci_ros.exam.report import definitions, rows_of
 from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group, stored_episodes
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
@@ -23,7 +24,6 @@ from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.report import html
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.view.pack import LIMIT, Shown, Source, shown
 from vpsci_ros.view.page import write_view
 

@@ -17,13 +17,12 @@ import yaml
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.config import ADS, BASELINE, title_of
 from vpsci_ros.exam.driver_class import Cockpit
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import DrivenLoop, loop_with
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import Motion
-from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.result import RunResult, result_of_ticks
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
