@@ -17,12 +17,16 @@ from std_srvs.srv import SetBool, Trigger
 from vpsci_msgs.msg import WorldState
 from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.replayer import Replayer
 from vpsci_ros.nodes.topics import LATCHED, RECORDING
 from vpsci_ros.wire.decoder import describe
 
+SHIPPED = Path(__file__).resolve().parents[2] / "bags/LocationA_PedCross_S-N"
 TYPES = {"/world/state": WorldState, "/vehicle/odometry": Odometry, "/clock": Clock}
 
 
@@ -99,6 +103,38 @@ def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
     assert player.replayer.figures()["messages_published"] == len(player.heard["/world/state"]) + 2
 
 
+def test_it_begins_at_a_time_and_begins_there_again_in_a_loop(player: Player, short_bag: Path) -> None:
+    bag = Bag(short_bag)
+    states = recorded(short_bag, "/world/state", bag.begin + 500_000_000)
+    assert 1 < len(states) < len(recorded(short_bag, "/world/state"))
+    player.play(short_bag, start=0.5, loop=True, paused=True, topics=["/world/state"])
+    player.spin_until(lambda: player.replayer.state == "paused")
+    for _ in range(len(states) + 2):  # a step ends at the last message of a round
+        assert player.call(Trigger, "replayer/step").success
+    player.spin_until(lambda: len(player.heard["/world/state"]) == len(states) + 2)
+    assert player.heard["/world/state"] == states + states[:2]
+    assert [data[4:12] for data in player.heard["/clock"]] == [data[4:12] for data in states + states[:2]]
+    assert not player.replayer.finished
+
+
+def test_a_second_recording_of_a_replay_verifies_as_the_first(
+    context: Context, closed: Callable[[Any], Any], tmp_path: Path
+) -> None:
+    stage = closed(Stage(context, peer="listener"))
+    recorder = stage.add(Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "second"))))
+    given = {"bag": str(SHIPPED), "rate": 0.0, "peers": ["recorder"]}
+    replayer = stage.add(Replayer(context=context, parameter_overrides=overrides(**given)))
+    stage.spin_until(lambda: replayer.finished)
+    replayer.close()
+    first, second = Bag(SHIPPED), tmp_path / "second"
+    stage.spin_until(lambda: recorder.figures()["messages_written"] >= sum(r.messages for r in first.topics().values()))
+    recorder.close()
+    assert bag_run(Bag(second)).parameters.keys() >= bag_run(first).parameters.keys() - {"recorder"}
+    verified = verify_bag(second)
+    assert (verified.difference, verified.uncompared) == ("", ())
+    assert verified.ticks == len(recorded(SHIPPED, "/world/state"))
+
+
 def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, short_bag: Path) -> None:
     player.play(short_bag, paused=True)
     player.spin_until(lambda: player.replayer.state == "paused")
@@ -126,6 +162,8 @@ def test_the_rate_sets_the_pace_and_changes_on_the_way(player: Player, short_bag
     ("values", "message"),
     [
         ({"first_episode": "9"}, "episode 9: not in the bag"),
+        ({"start": 1000.0}, "holds no message of .* after 1000 s"),
+        ({"start": 1.0, "first_episode": "6:4"}, "expected either first_episode or start, got both"),
         ({"topics": ["/nothing"]}, "no topic /nothing; it has"),
         ({"bag": "nowhere"}, "nowhere: no such folder"),
     ],

@@ -9,20 +9,24 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import ReplayerConfig
+from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.output import PEER_TIMEOUT
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 from vpsci_ros.wire.decoder import RawMessage
 
-CLOCK = "/clock"
+CLOCK, DIAGNOSTICS = "/clock", "/diagnostics"
 PERIOD = 0.001  # [s] between looks at what is due
 SLICE = 0.02  # [s] of publishing at a stretch, so that services are answered
 FLUSH = Duration(seconds=4.0)  # for readers to acknowledge the last messages: one heartbeat of the middleware
@@ -36,8 +40,9 @@ class Replayer(GraphNode):
     """Publishes a bag's topics and `/clock`; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) control it.
 
     It begins when all readers among `peers`, and at least one reader, are there and none has come for `SETTLED` s.
-    With `first_episode` it first publishes what latched topics such as `/tf_static` held when that episode began.
-    Messages are not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
+    With `first_episode` or `start` it first publishes what latched topics such as `/tf_static` held at that time. With
+    `loop` the replay begins again there after the last message. Messages are not deserialised. A bag without `/clock`,
+    of another tool say, gets one from its log times.
     """
 
     essential_peers = ()
@@ -54,14 +59,16 @@ class Replayer(GraphNode):
         self._makes_clock = CLOCK not in self._outlets
         if self._makes_clock:
             self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
-        start = chosen_episode(bag_episodes(bag), config.first_episode).start_time if config.first_episode else 0
-        self._held = self._publish_held(bag, {topic.name: depth for topic in chosen if (depth := _kept(topic))}, start)
-        self._messages = self._read(bag, start)
+        self._bag, self._start, self._loop, self._whole = bag, _start(bag, config), config.loop, not config.topics
+        depths = {topic.name: depth for topic in chosen if (depth := _kept(topic))}
+        self._held = self._publish_held(bag, depths, self._start)
+        self._messages = self._read()
         self._next: RawMessage | None = next(self._messages, None)
         if self._next is None:
-            raise InvalidInput(f"{config.bag}: the bag holds no message of {_names(chosen)}")
-        self._sent = 0
-        self._at = self._next.time
+            after = f" after {config.start:g} s" if config.start else ""
+            raise InvalidInput(f"{config.bag}: the bag holds no message of {_names(chosen)}{after}")
+        self._sent = self._rounds = 0
+        self._at, self._clock = self._next.time, -1
         self._anchor = (time.monotonic(), self._at)
         self._readers, self._readers_since = -1, time.monotonic()
         self._begun = False
@@ -100,8 +107,17 @@ class Replayer(GraphNode):
             self._outlets[raw.topic].publish(raw.data)
         return len(messages)
 
-    def _read(self, bag: Bag, start: int) -> Iterator[RawMessage]:
-        return bag.messages(self._outlets, start, ordered=True)
+    def _publish_reports(self) -> None:
+        """Publish the nodes' parameters that the bag's records have, for a recorder, unless `topics` excludes them."""
+        if not self._whole and DIAGNOSTICS not in self._outlets:
+            return
+        for node, parameters in bag_run(self._bag).parameters.items():
+            name, report = f"{self.frame_prefix}{node}", NodeStatus(state="recorded")
+            at = Time(seconds=0, nanoseconds=self._at).to_msg()
+            self.diagnostics.publish(diagnostics_message(name, report, at, parameters))
+
+    def _read(self) -> Iterator[RawMessage]:
+        return self._bag.messages(self._outlets, self._start, ordered=True)
 
     def _on_timer(self) -> None:
         if not self._begun:
@@ -122,6 +138,7 @@ class Replayer(GraphNode):
                 raise VpsciError(f"replayer: waited {PEER_TIMEOUT:g} s for {absent}; or leave it out of 'peers'")
         elif readers and now - self._readers_since > SETTLED:
             self._begun = True
+            self._publish_reports()
             self._restart_pace()
             return
         what = absent or "a reader of any of its topics"
@@ -152,13 +169,18 @@ class Replayer(GraphNode):
     def _publish(self) -> None:
         message = self._next
         assert message is not None
-        if message.time > self._at or not self._sent:
-            self._at = self.simulated_at = message.time
+        if message.time > self._clock:
+            self._at = self._clock = self.simulated_at = message.time
             if self._makes_clock:
                 self._outlets[CLOCK].publish(Clock(clock=self.simulated_time))
         self._outlets[message.topic].publish(message.data)
         self._sent += 1
         self._next = next(self._messages, None)
+        if self._next is None and self._loop:
+            self._messages = self._read()
+            self._next, self._clock = next(self._messages), -1
+            self._rounds += 1
+            self._restart_pace()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
@@ -171,8 +193,8 @@ class Replayer(GraphNode):
         if not self._paused or self._next is None:
             response.message = "the bag is over" if self._next is None else "not paused; call pause first"
             return response
-        until, before = self._next.time, self._sent
-        while self._next is not None and self._next.time <= until:
+        until, before, rounds = self._next.time, self._sent, self._rounds
+        while self._next is not None and self._next.time <= until and self._rounds == rounds:
             self._publish()
         self.finished = self._next is None
         response.success = True
@@ -194,6 +216,15 @@ class Replayer(GraphNode):
             for publisher in self._outlets.values():
                 publisher.wait_for_all_acked(FLUSH)
         self.get_logger().info(f"published {self._held + self._sent} messages, to {self._at * 1e-9:.3f} s")
+
+
+def _start(bag: Bag, config: ReplayerConfig) -> int:
+    """Return the log time [ns] of the first message to publish; 0: the first of the bag."""
+    if config.first_episode and config.start:
+        raise InvalidInput("replayer: expected either first_episode or start, got both")
+    if config.first_episode:
+        return chosen_episode(bag_episodes(bag), config.first_episode).start_time
+    return bag.begin + round(config.start * 1e9) if config.start else 0
 
 
 def _kept(topic: TopicInfo) -> int:

@@ -1,11 +1,13 @@
 """A driving system behind a socket: a client in C++ with the Python class's numbers, and systems that misbehave."""
 
+import contextlib
 import json
 import shutil
 import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +114,26 @@ def test_a_silent_system_and_one_that_floods_are_given_up_once_and_for_all() -> 
         with pytest.raises(InvalidInput, match="more than 65536 bytes without an end of line"):
             flooded.act(SEEN)
         sender.join()
+
+
+def test_a_system_that_answers_byte_by_byte_has_no_more_patience_than_one_that_is_silent() -> None:
+    driver, theirs = a_driver(0.3)
+    sent: list[bytes] = []
+
+    def drip() -> None:
+        with contextlib.suppress(OSError):  # the driver has closed its end
+            while len(sent) < 1000:
+                theirs.sendall(b" ")
+                sent.append(b" ")
+                time.sleep(0.01)
+
+    with theirs:
+        sender = threading.Thread(target=drip)
+        sender.start()
+        with pytest.raises(InvalidInput, match=r"no answer for 0\.3 s"):
+            driver.act(SEEN)
+        sender.join()
+    assert 0 < len(sent) < 1000
 
 
 def test_a_system_that_answers_ahead_of_the_tick_is_given_up() -> None:
