@@ -117,7 +117,8 @@ class Replayer(GraphNode):
             self.diagnostics.publish(diagnostics_message(name, report, at, parameters))
 
     def _read(self) -> Iterator[RawMessage]:
-        return self._bag.messages(self._outlets, self._start, ordered=True)
+        topics = self._outlets.keys() - ({CLOCK} if self._makes_clock else set())  # not the recorded clock, too
+        return self._bag.messages(topics, self._start, ordered=True)
 
     def _on_timer(self) -> None:
         if not self._begun:
