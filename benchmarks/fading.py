@@ -3,8 +3,8 @@
     python benchmarks/fading.py [right_turns/train] [--car 0.9 0.95 1.0] [--pedestrian 0.7 0.8 0.9]
 
 For each pair of factors of a step of 0.1 s: the energy score over 3 s as a share of constant velocity's, of the control
-`fading_acceleration` and of the sampler about it, whose residuals are those of other clips. `predictors.FADES` is the
-pair with the least score of the control, to 0.001. Half a minute.
+`fading_acceleration` and of the sampler about it, whose residuals are those of other clips. `choice.FADES` has the
+pair with the least score of the control. Half a minute.
 """
 
 import argparse

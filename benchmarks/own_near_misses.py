@@ -1,15 +1,14 @@
-"""How many near misses of a place make a bank that beats the other place's, and how far away that one should count.
+"""How many near misses of a place make a bank that beats the other place's.
 
     vpsci import vci_dut vci_citr --format vci-dut --format vci-citr -o campus.parquet
-    python benchmarks/own_near_misses.py campus.parquet [--counts 20 60 150] [--apart 1.5 3 6 inf] [--draws 3]
+    python benchmarks/own_near_misses.py campus.parquet [--counts 20 60 150] [--draws 3]
 
 Two places, each once with near misses of its own and the other one as the shipped source: right turns and the campus.
 A draw takes clips of a place in a random order until there are N near misses with 3 s recorded after their onset. Its
 bank is made by `vpsci people` with and without `--with` the other place, and is scored on the clips of the place that
 the shipped bank has left out. Printed: the energy score as a share of constant velocity's, the mean over the draws,
 with 95% intervals by the clips that are scored, and the least and the greatest draw; `paired` divides by the shipped
-source alone. First, choosing the source by nearness of the onset is compared with choosing it by its name. Two CPU
-minutes.
+source alone. Two CPU minutes.
 """
 
 import argparse
@@ -22,15 +21,14 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
-from vpsci_ros.evaluation.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import fading, policy, residual_sampler, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
-from vpsci_ros.policy.bank import Bank, describe
-from vpsci_ros.policy.make_bank import FOREIGN, bank_of_tables, recorded_situations
+from vpsci_ros.policy.bank import Bank
+from vpsci_ros.policy.make_bank import bank_of_tables
 from vpsci_ros.policy.policy_file import load_policy
 
-NEAR = 16  # situations by which sources are compared
 ROLL_OUTS = 8  # an onset; the energy score does not depend on how many, only its noise does
 
 Floats = NDArray[np.float64]
@@ -51,12 +49,6 @@ def drawn(table: pl.DataFrame, count: int, seed: int) -> pl.DataFrame:
     if count > len(order):
         raise SystemExit(f"expected at least {count} near misses with 3 s after their onset, got {len(order)}")
     return table.filter(pl.col("interaction").is_in(onsets.number[order[:count]]))
-
-
-def counted_as(bank: Bank, apart: float) -> Bank:
-    """Return a bank whose situations of the other place count as `apart` standard deviations further away."""
-    made = {name: own._replace(far=np.where(own.far > 0.0, apart**2, 0.0)) for name, own in bank.reactions.items()}
-    return Bank(made, bank.facts)
 
 
 class Place:
@@ -96,7 +88,7 @@ class Place:
         print(f"  {what:<34}{texts[0]}{spread}" + (f"; paired {texts[1]}" if texts[1:] else ""), flush=True)
 
 
-def measure(here: Place, there: Place, counts: Sequence[int], aparts: Sequence[float], draws: int) -> None:
+def measure(here: Place, there: Place, counts: Sequence[int], draws: int) -> None:
     """Print the table of one place, `here`, with the other one as the shipped source."""
     print(f"{here.name}: {len(here.onsets)} onsets of {here.onsets.units.text}, shipped: {there.name}")
     with tempfile.TemporaryDirectory() as name:
@@ -112,46 +104,17 @@ def measure(here: Place, there: Place, counts: Sequence[int], aparts: Sequence[f
                 write_near_misses(own, mine)
                 rows.setdefault("alone", []).append(here.by_bank(bank_of_tables([mine]), seed))
                 both = bank_of_tables([mine], others=[theirs])
-                for apart in aparts:
-                    rows.setdefault(f"with, {apart:g} apart", []).append(here.by_bank(counted_as(both, apart), seed))
+                rows.setdefault("with the other place", []).append(here.by_bank(both, seed))
                 rows.setdefault("  sampler of the same own", []).append(here.by_sampler(own))
             number = count or len(find_onsets(here.own))
             for what, scores in rows.items():
                 here.row(f"{number} {what}" if what[0] != " " else what, scores, shipped)
 
 
-def nearer_source(bank: Bank, onsets: Onsets) -> NDArray[np.str_]:
-    """Return the source of a bank whose `NEAR` situations most like each onset are nearest on average, str[n].
-
-    Features are compared in the mean of the sources' standard deviations.
-    """
-    until = zip(onsets.interactions.motion, onsets.interactions.first, strict=True)
-    seen, _ = describe(np.stack([recorded_situations(motion[: at + 1])[-1] for motion, at in until]))
-    scale = np.mean([own.scale for own in bank.reactions.values()], axis=0)
-    gaps = []
-    for own in bank.reactions.values():
-        known = own.features.T * own.scale / scale
-        apart = ((seen[:, None] / scale - known) ** 2).sum(axis=2)
-        gaps.append(np.sort(apart, axis=1)[:, :NEAR].mean(axis=1))
-    return np.array(list(bank.reactions))[np.argmin(gaps, axis=0)]
-
-
-def by_nearness(here: Place, shipped: Bank) -> None:
-    """Print what choosing the source by nearness of the onset makes of one place, beside choosing by its name."""
-    scores = {name: here.by_bank(shipped, 0, name) for name in shipped.reactions}
-    chosen, named = nearer_source(shipped, here.onsets), here.by_bank(shipped, 0)
-    picked = np.select([chosen == name for name in scores], list(scores.values()))
-    print(f"{here.name}: both places in one bank")
-    here.row("source by name", [named])
-    shares = ", ".join(f"{name} {np.mean(chosen == name):.0%}" for name in scores)
-    here.row(f"source by nearness ({shares})", [picked], named)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campus", type=Path, help="near misses of VCI-DUT and VCI-CITR")
     parser.add_argument("--counts", type=int, nargs="+", default=[20, 60, 150], help="near misses of one's own")
-    parser.add_argument("--apart", type=float, nargs="+", default=[FOREIGN], help="[standard deviations]")
     parser.add_argument("--draws", type=int, default=3)
     arguments = parser.parse_args()
     shipped = load_policy("people")
@@ -159,8 +122,7 @@ def main() -> None:
     turns = Place("right turns", read_near_misses("right_turns"), left_out)
     campus = Place("campus", read_near_misses(arguments.campus), left_out)
     for here, there in ((campus, turns), (turns, campus)):
-        by_nearness(here, shipped)
-        measure(here, there, arguments.counts, arguments.apart, arguments.draws)
+        measure(here, there, arguments.counts, arguments.draws)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Make bags/: one small bag a scenario, recorded from the graph of nodes with the shipped policies.
 
-    tools/make_bags.py [--output bags] [--weights refined] [--seed 1] [--look 200]
+    tools/make_bags.py [--output bags] [--weights refined] [--seed 1] [--look 50]
 
 In each scenario the first LOOK episodes of the seed are simulated, and the most telling one is recorded: the policies
 acted in it, both agents reached their goals, it was critical for a second, and its least CurvTTC is nearest to 1.5 s.
@@ -34,7 +34,7 @@ STAGE = "params/stage3_generate.yaml"
 TELLING = 1.5  # [s] of least CurvTTC
 LONG = 20  # critical ticks that make an interaction to look at
 LARGEST = 500_000  # bytes; chunks of 64 KiB and /tf take a third more than large chunks without it
-PATIENCE = 120.0  # [s] for one run of the graph
+PATIENCE = 600.0  # [s] for one run of the graph
 
 
 def telling_episode(sections: Sections, scenario: int, look: int) -> tuple[int, str, float]:
@@ -78,7 +78,7 @@ def main() -> int:
     options.add_argument("--output", type=Path, default=Path("bags"))
     options.add_argument("--weights", default="people", help="weights file, or shipped name")
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--look", type=int, default=200, help="episodes among which one is chosen")
+    options.add_argument("--look", type=int, default=50, help="episodes among which one is chosen")
     given = options.parse_args()
     given.output.mkdir(exist_ok=True)
     try:

@@ -1,4 +1,4 @@
-"""`benchmarks/own_near_misses.py`: what a draw of a place's own near misses holds, and which source is nearer."""
+"""`benchmarks/own_near_misses.py`: what a draw of a place's own near misses holds."""
 
 import importlib.util
 from pathlib import Path
@@ -9,8 +9,6 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.evaluation.onsets import find_onsets
-from vpsci_ros.policy.bank import Bank
-from vpsci_ros.policy.make_bank import reactions_of
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +43,3 @@ def test_a_draw_is_of_whole_clips_but_the_last_and_of_as_many_near_misses_as_ask
     assert len(seen) > 1
     with pytest.raises(SystemExit, match="expected at least 1000 near misses"):
         benchmark.drawn(table, 1000, 0)
-
-
-def test_the_source_whose_moments_are_nearer_is_chosen(benchmark: ModuleType, table: pl.DataFrame) -> None:
-    onsets = find_onsets(table)
-    motion, first = onsets.interactions.motion, onsets.interactions.first
-    own = reactions_of([track[:end] for track, end in zip(motion, onsets.interactions.length, strict=True)], first)
-    assert own is not None
-    away = own._replace(features=own.features + 100.0)
-    assert set(benchmark.nearer_source(Bank({"away": away, "here": own}), onsets)) == {"here"}
-    assert set(benchmark.nearer_source(Bank({"here": own, "away": away}), onsets)) == {"here"}

@@ -14,7 +14,7 @@ from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.main import graph
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import find_onsets
-from vpsci_ros.evaluation.simulators import beyond_range
+from vpsci_ros.evaluation.simulators import beyond_range, known_late
 from vpsci_ros.extras.drive.commands import drive
 from vpsci_ros.extras.paper.realism.run import run_realism
 from vpsci_ros.policy.bank import Bank
@@ -99,3 +99,20 @@ def test_onsets_have_the_vehicles_of_the_table_whatever_its_source_is_called() -
     assert (find_onsets(named).size == [5.5, 2.1]).all()
     without = table.drop("veh_length", "veh_width")
     assert (find_onsets(without).size == [VEHICLE_LENGTH, VEHICLE_WIDTH]).all()  # of an unknown source
+
+
+def test_a_bank_known_late_has_the_mean_of_the_four_steps_that_ended_two_before_the_situation_of_its_own_track() -> (
+    None
+):
+    bank = load_policy("people")
+    assert isinstance(bank, Bank)
+    own, late = bank.of(), known_late(bank).of()
+    long_before = np.flatnonzero(~np.isin(own.begin[:, None] - np.arange(7), own.end).any(axis=1) & (own.begin > 6))
+    row = int(long_before[0])
+    mean = own.steps[own.begin[row] - 6 : own.begin[row] - 2].mean(axis=0)
+    np.testing.assert_allclose(late.before[row], mean)
+    np.testing.assert_allclose(late.features[6, row] * late.scale[6], mean[0])
+    first = np.flatnonzero(np.isin(own.begin, [0, *own.end]))
+    assert first.size, "situations at the first step of a track"
+    assert np.isnan(late.before[first]).all()
+    assert np.isfinite(late.features).all()

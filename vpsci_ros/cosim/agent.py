@@ -80,6 +80,8 @@ class Body:
         self.state["pedestrian"] = np.arange(MOST)
         own = load_policy(weights) if isinstance(weights, (str, Path)) else weights
         self.agent = policies(own, self.world, None if policy is None else {agent: policy})[agent]
+        if self.agent.keeps_lane:
+            self.world.keep_lane()
         self._number, self._agent = number, agent
 
     @property

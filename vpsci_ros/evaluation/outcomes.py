@@ -55,6 +55,8 @@ class Outcomes:
 class NoAcceleration:
     """The control in simulation: agents with acceleration 0; the vehicle keeps its lane."""
 
+    keeps_lane = True
+
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float64]:
         """Return accelerations of 0, float64[B, 2], see `Agent.act`."""
         return np.zeros((len(tick.state), 2))

@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.policy.bank import SLOWEST, Bank, situations_of, source_of
-from vpsci_ros.policy.choice import ReactionReplay
+from vpsci_ros.policy.bank import Bank, situations_of, source_of
+from vpsci_ros.policy.choice import FADES, ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
@@ -14,9 +14,7 @@ from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS
 
-FADES = (0.95, 0.8)  # of the vehicle's and the pedestrian's acceleration in a step: `benchmarks/fading.py`
 TRACKED_STEPS = 2  # whose positions give a vehicle's velocity, where published speeds lag behind the positions
-_TREND = 4  # steps from which acceleration and yaw rate are estimated, as in the bank
 Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -87,7 +85,7 @@ class FadingAcceleration:
 
     tracked_steps = TRACKED_STEPS
 
-    def __init__(self, fades: tuple[float, float] = FADES) -> None:
+    def __init__(self, fades: tuple[float, float] = (FADES[0], FADES[2])) -> None:
         self._fades = [np.float32(fade) for fade in fades]
 
     def begin(self, count: int) -> None:
@@ -182,8 +180,7 @@ class PeoplePredictor:
         }
         self._key, self._steps = keys(count, self._seed, 0, np.arange(count)), 0
         self._begun = np.zeros(count, bool)
-        self._done = np.zeros((_TREND, count, 2))  # what the vehicle did in the last steps
-        self._known = np.zeros(count, np.int64)  # of these
+        self._done = np.full((len(AGENTS), count, 2), np.nan)  # accelerations in the last step
 
     def act(
         self,
@@ -195,8 +192,7 @@ class PeoplePredictor:
         """Return both agents' accelerations, see `Predictor.act`."""
         reset = active & ~self._begun & (curvttc < CRITICAL_TTC)
         self._begun |= reset
-        trend = self._done.sum(axis=0) / np.maximum(self._known, 1)[:, None]
-        situations = situations_of(vehicle, trend[:, 0], trend[:, 1] / np.maximum(vehicle[:, 0], SLOWEST))
+        situations = situations_of(vehicle, *self._done)
         self._key[:, 4] = self._steps
         self._steps += 1
         out = np.zeros((2, len(active), 2))
@@ -208,8 +204,8 @@ class PeoplePredictor:
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
         """Append the executed accelerations to the histories, see `Predictor.executed`."""
-        self._done[:, active] = np.concatenate([self._done[1:, active], actions[0][None, active]])
-        self._known[active] = np.minimum(self._known[active] + 1, _TREND)
+        for done, action in zip(self._done, actions, strict=True):
+            done[active] = action[active]
 
 
 def predictor_of(policy: Policy, clip: NDArray[np.object_], seed: int = 0) -> Predictor:

@@ -16,7 +16,8 @@ from vpsci_ros.evaluation.predictors import (
     RepeatVelocity,
     sources_for,
 )
-from vpsci_ros.evaluation.protocols import closed_loop_trajectories, known_actions
+from vpsci_ros.evaluation.protocols import LATE, MEAN, closed_loop_trajectories, known_actions
+from vpsci_ros.evaluation.roll_out import Seen, roll_out
 from vpsci_ros.evaluation.scene import scene_at
 from vpsci_ros.policy.bank import SLOWEST, Bank, describe, situations_of
 from vpsci_ros.policy.onset_range import beyond, onsets_in
@@ -26,7 +27,7 @@ from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.drivers.social_force import social_force
 from vpsci_ros.world.kinematics import MAX_DECELERATION, SHARPEST_TURN
-from vpsci_ros.world.observation import STEP, arrays_to_heading_frame, observe_arrays
+from vpsci_ros.world.observation import AGENTS, arrays_to_heading_frame, observe_arrays, to_heading_frame
 
 Floats = NDArray[np.float64]
 Simulator = Callable[[Onsets], Floats]
@@ -40,7 +41,11 @@ _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brake
 
 def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
     """Return the positions of both agents under a model, float64[n, 1, 2, 30, 2] [m]."""
-    motion = closed_loop_trajectories(model, onsets.interactions, onsets.late)
+    return _positions(closed_loop_trajectories(model, onsets.interactions, onsets.late))
+
+
+def _positions(motion: Floats) -> Floats:
+    """Return the positions in rows of `Interactions.motion`, float64[n, 30, 9] -> float64[n, 1, 2, 30, 2] [m]."""
     return np.stack([motion[..., 0:2], motion[..., 5:7]], axis=1)[:, None]
 
 
@@ -80,9 +85,8 @@ def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_mi
 def _situations(onsets: Onsets) -> Floats:
     """Return the bank's situations at the onsets, float64[n, 7]; without a step before, accelerations are 0."""
     seen, _ = observe_arrays(*onsets.start.T)
-    done, _ = known_actions(onsets.interactions, onsets.interactions.first - 1, onsets.late)
-    forward, left = done["vehicle"].astype(np.float64).T
-    return situations_of(seen, forward, left / np.maximum(seen[:, 0], SLOWEST))
+    done, known = known_actions(onsets.interactions, onsets.interactions.first - 1, onsets.late)
+    return situations_of(seen, *(np.where(known[:, None], done[agent], np.nan) for agent in AGENTS))
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
@@ -95,10 +99,28 @@ def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "")
         if not isinstance(own, Bank):
             return rolled_out(PolicyPredictor(own), onsets)
         again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
-        predictor = PeoplePredictor(own, again.clip, seed, people)
+        predictor = PeoplePredictor(known_late(own) if onsets.late else own, again.clip, seed, people)
         return rolled_out(predictor, again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
 
     return simulate
+
+
+def known_late(bank: Bank) -> Bank:
+    """Return a bank whose accelerations before its situations are those of a sensor, see `protocols.known_actions`."""
+    made = {}
+    for name, own in bank.reactions.items():
+        ends = np.unique(own.end)
+        track = np.concatenate([[0], ends])[np.searchsorted(ends, own.begin, side="right")]  # its first step
+        at = own.begin[:, None] - 1 - LATE - np.arange(MEAN)
+        there = at >= track[:, None]
+        total = (own.steps[np.maximum(at, 0)] * there[..., None]).sum(axis=1)
+        known = there.sum(axis=1)
+        before = np.where(known[:, None] > 0, total / np.maximum(known, 1)[:, None], np.nan)
+        features = own.features.copy()
+        turn = before[:, 1] * np.maximum(features[0] * own.scale[0], SLOWEST) * own.side
+        features[6:8] = np.nan_to_num([before[:, 0], turn]) / own.scale[6:8, None]
+        made[name] = own._replace(features=features, before=before)
+    return Bank(made, bank.facts)
 
 
 def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
@@ -112,46 +134,35 @@ def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[
 
 
 def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) -> Floats:
-    """Return positions, float64[n, 1, 2, 30, 2] [m], of a social force pedestrian and the autopilot without a lane.
+    """Return positions, float64[n, 1, 2, 30, 2] [m], of a social force pedestrian and a braking car.
 
     The pedestrian wants the velocity of the onset. The vehicle keeps its direction and tracked speed, and brakes fully
-    for a pedestrian near and straight ahead of its front.
+    for a pedestrian near and straight ahead of its front. Both move by `roll_out`'s kinematics.
 
     :param reacting: False: the pedestrian keeps its velocity, as CARLA's walkers do.
     :param turning: the vehicle goes on turning as it did over the last 0.5 s, by at most 90 degrees.
     """
-    scene = scene_at(
-        torch.from_numpy(onsets.interactions.motion), torch.from_numpy(onsets.interactions.first), TRACKED_STEPS
-    )
-    velocity = scene.vehicle_velocity.numpy()
-    bend = _curvatures(onsets) if turning else np.zeros(len(onsets))
-    config, out = WorldConfig(), np.zeros((len(onsets), 2, STEPS, 2))
-    for i, (start, size) in enumerate(zip(onsets.start, onsets.size, strict=True)):
-        x, y, px, py, vx, vy = (float(start[k]) for k in (0, 1, 5, 6, 7, 8))
-        wanted, half_length, half_width = (vx, vy), 0.5 * float(size[0]), 0.5 * float(size[1])
-        speed = float(np.hypot(*velocity[i]))
-        heading = float(np.arctan2(velocity[i, 1], velocity[i, 0])) if speed > 0.1 else float(start[2])
-        c, s = np.cos(heading), np.sin(heading)
-        straight = heading
-        reach = half_width + PEDESTRIAN_RADIUS + _STRAIGHT_AHEAD
-        for step in range(STEPS):
-            if bend[i]:
-                c, s = np.cos(heading), np.sin(heading)
-            forward, left = c * (px - x) + s * (py - y), c * (py - y) - s * (px - x)
-            braking = too_near(forward, left, half_length, reach, config.proximity_distance)
-            ax, ay = social_force(
-                *wanted, vx, vy, px, py, x, y, heading, half_length, half_width, PEDESTRIAN_RADIUS
-            ) if reacting else (0.0, 0.0)  # fmt: skip
-            after = max(0.0, speed - MAX_DECELERATION * STEP) if braking else speed
-            if bend[i]:
-                turned = heading - straight + bend[i] * 0.5 * (speed + after) * STEP
-                before, heading = heading, straight + float(np.clip(turned, -0.5 * np.pi, 0.5 * np.pi))
-                c, s = np.cos(0.5 * (before + heading)), np.sin(0.5 * (before + heading))
-            x, y = x + 0.5 * (speed + after) * STEP * c, y + 0.5 * (speed + after) * STEP * s
-            px, py = px + (vx + 0.5 * ax * STEP) * STEP, py + (vy + 0.5 * ay * STEP) * STEP
-            speed, vx, vy = after, vx + ax * STEP, vy + ay * STEP
-            out[i, :, step] = (x, y), (px, py)
-    return out[:, None]
+    motion, count = torch.from_numpy(onsets.interactions.motion), len(onsets)
+    start = scene_at(motion, torch.from_numpy(onsets.interactions.first), TRACKED_STEPS)
+    bend = _curvatures(onsets) if turning else np.zeros(count)
+    near, wanted = WorldConfig().proximity_distance, start.pedestrian_velocity.numpy()
+    half, straight = 0.5 * onsets.size, start.heading.numpy()
+
+    def act(seen: Seen) -> dict[str, torch.Tensor]:
+        out = {agent: np.zeros((count, 2)) for agent in AGENTS}
+        for i, row in enumerate(seen.scene.rows().numpy().tolist()):
+            x, y, heading, east, north, px, py, vx, vy = row
+            ahead = to_heading_frame(heading, px - x, py - y)
+            if too_near(*ahead, half[i, 0], half[i, 1] + PEDESTRIAN_RADIUS + _STRAIGHT_AHEAD, near):
+                out["vehicle"][i, 0] = -MAX_DECELERATION
+            if abs(heading - straight[i]) < 0.5 * np.pi:
+                out["vehicle"][i, 1] = bend[i] * (east * east + north * north)
+            if reacting:
+                push = social_force(*wanted[i], vx, vy, px, py, x, y, heading, *half[i], PEDESTRIAN_RADIUS)
+                out["pedestrian"][i] = to_heading_frame(heading, *push)
+        return {agent: torch.from_numpy(action) for agent, action in out.items()}
+
+    return _positions(np.stack([scene.rows().numpy() for scene in roll_out(start, act, [count] * STEPS)], axis=1))
 
 
 def _curvatures(onsets: Onsets) -> Floats:

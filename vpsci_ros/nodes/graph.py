@@ -28,6 +28,7 @@ from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, settings_of, table
+from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_file import load_policy, require_source
 from vpsci_ros.resources import weights_path
@@ -189,6 +190,9 @@ def resolve(sections: Sections, folder: Path) -> Sections:
         refuse_unknown(values, {row.name: row for kind in kinds for row in table(kind)}, node)
         resolved[node] = settings_of(*(pick(kind, values, node) for kind in kinds))
     chosen = Sections(resolved)
+    drives = resolved.get("vehicle_policy", {}).get("weights")
+    if "world_simulator" in resolved and drives and isinstance(load_policy(drives), Bank):
+        chosen = chosen.changed("world_simulator", {"lane_following": True})  # its car does not steer
     if "world_simulator" in resolved and resolved.get("learner", {}).get("stage") == "refine":
         require_learnable(chosen.get(WorldConfig, "world_simulator"))
     return chosen

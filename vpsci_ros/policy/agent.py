@@ -87,11 +87,9 @@ class PolicyAgent:
             self._work, self._rows = self._at_work(self._policy, len(state)), len(state)
         if isinstance(self._work, NetworkAtWork):
             action = self._work.act(tick, assessment, self._seed, self._noise if self._explore else None)
-        elif np.count_nonzero(active):
-            action = self._work.act(tick, assessment, self._seed)
         else:
-            return np.zeros((len(state), 2), np.float32)
-        if self._index == 0 and np.count_nonzero(state["pedestrian"]):
+            action = self._work.act(tick, assessment, self._seed)
+        if self._index == 0 and np.count_nonzero(state["pedestrian"]) and np.count_nonzero(active):
             leaders = leading_rows(state, active, assessment.curvttc)
             action = np.where(active[:, None], action[leaders], np.float32(0))
             if isinstance(self._work, NetworkAtWork):
@@ -105,6 +103,11 @@ class PolicyAgent:
     def beyond(self, slot: int) -> bool | None:
         """Return whether a slot's last hand-over was beyond the source's range; None: no bank, or no hand-over yet."""
         return self._work.beyond(slot) if isinstance(self._work, PeopleAtWork) else None
+
+    @property
+    def keeps_lane(self) -> bool:
+        """Whether this agent drives without steering, so that the world keeps its lane: a bank's vehicle does."""
+        return self._index == 0 and isinstance(self._policy, Bank)
 
     @property
     def reach(self) -> NDArray[np.float64] | None:

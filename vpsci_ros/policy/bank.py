@@ -4,8 +4,7 @@ A *situation* is a recorded step of a pair; its *reaction* is what both did from
 situations are alike by speed of the vehicle, pace of the pedestrian, its place and velocity in the vehicle's heading
 frame, and acceleration and yaw rate of the vehicle. On which side the pedestrian is makes no difference: left and right
 are exchanged where the sides differ. A vehicle's sideways motion is a curvature, so that a slow one does not swerve as
-a fast one. A vehicle of another speed gets a reaction with accelerations in proportion to the speed and the same
-sideways acceleration, that is, with as much change in as many seconds.
+a fast one.
 
 `vpsci people` makes a bank of a near-miss table (`vpsci_ros.policy.make_bank`); its file is safetensors, and holds no
 network. `vpsci_ros.policy.choice` chooses a reaction for an agent.
@@ -28,10 +27,9 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
 
 FAMILY = "vpsci-people"
-FORMAT = f"{FAMILY} 2"  # 1: accelerations as recorded, whatever the speed, and no range
-SITUATION, FEATURES = 7, 8  # numbers of a situation, and of what makes it like another one
+FORMAT = f"{FAMILY} 3"  # 2: slopes of the actions, and no accelerations before a situation
+SITUATION, FEATURES = 9, 8  # numbers of a situation, and of what makes it like another one
 ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
-SECONDS, SECOND = 3, 10  # after a situation in which a reaction is adjusted to another one; steps of a second
 SLOWEST = 1.0  # [m/s] a slower vehicle steers as at this speed
 
 Floats = NDArray[np.float64]
@@ -45,9 +43,7 @@ class Reactions(NamedTuple):
     :ivar side: float64[M], 1 where the pedestrian was to the left of the vehicle, else -1.
     :ivar begin, end: int64[M], the steps of a reaction: the situation, and one past the end of its track.
     :ivar steps: float64[S, 4], see `ACTIONS`.
-    :ivar slope: float64[8, 3, 4], by how much an action of each second is more where a feature is more by 1; of
-        situations with the pedestrian to the left. The vehicle's are relative to its speed in the situation:
-        acceleration / speed [1/s] and sideways acceleration, curvature * speed * speed [m/s2].
+    :ivar before: float64[M, 4], what both did in the step before the situation, see `ACTIONS`.
     :ivar reach: float64[4, 5], quantiles of the onsets, see `vpsci_ros.policy.onset_range`.
     :ivar far: float64[M], added to the squared distance of each situation: 0, or more for a situation of another
         source, which serves where the own source has nothing like it.
@@ -59,7 +55,7 @@ class Reactions(NamedTuple):
     begin: NDArray[np.int64]
     end: NDArray[np.int64]
     steps: Floats
-    slope: Floats
+    before: Floats
     reach: Floats
     far: Floats
 
@@ -95,23 +91,27 @@ def source_of(name: str) -> str:
     return name.partition("/")[0].partition("-")[0]
 
 
-def situations_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> Floats:
-    """Return situations, float64[..., 7], from the vehicle's observations, acceleration and yaw rate.
+def situations_of(observed: NDArray[Any], vehicle: NDArray[Any], pedestrian: NDArray[Any]) -> Floats:
+    """Return situations, float64[..., 9], from the vehicle's observations and both agents' last accelerations.
 
-    Speed, acceleration and yaw rate of the vehicle [m/s, m/s2, rad/s], then place [m] and velocity [m/s] of the
-    pedestrian in the vehicle's heading frame, forward and left each.
+    Speed, acceleration and yaw rate of the vehicle [m/s, m/s2, rad/s], then place [m], velocity [m/s] and acceleration
+    [m/s2] of the pedestrian in the vehicle's heading frame, forward and left each.
 
     :param observed: float[..., 6], what the vehicle observes, equation (6).
-    :param acceleration, yaw_rate: float[...], of the vehicle [m/s2, rad/s].
+    :param vehicle, pedestrian: float[..., 2], accelerations forward and left [m/s2]; NaN where they are not known.
     """
     seen = np.asarray(observed, np.float64)
-    parts = seen[..., :1], acceleration[..., None], yaw_rate[..., None]
-    return np.concatenate([*parts, -seen[..., 2:4], seen[..., 0:2] - seen[..., 4:6]], axis=-1, dtype=np.float64)
+    turn = vehicle[..., 1:] / np.maximum(seen[..., :1], SLOWEST)
+    parts = seen[..., :1], vehicle[..., :1], turn, -seen[..., 2:4], seen[..., 0:2] - seen[..., 4:6], pedestrian
+    return np.concatenate(parts, axis=-1, dtype=np.float64)
 
 
 @kernel
-def situations_in(state, rows, out):  # type: ignore[no-untyped-def]
-    """Write the situations of EPISODE[B] where `rows`, bool[B], to `out`, float64[B, 7]; see `situations_of`."""
+def situations_in(state, rows, walked, out):  # type: ignore[no-untyped-def]
+    """Write the situations of EPISODE[B] where `rows`, bool[B], to `out`, float64[B, 9]; see `situations_of`.
+
+    :param walked: float64[B, 2], acceleration of the pedestrian, east and north [m/s2]; NaN where it is not known.
+    """
     for i in range(state.size):
         if rows[i]:
             slot, m = state[i], out[i]
@@ -120,17 +120,22 @@ def situations_in(state, rows, out):  # type: ignore[no-untyped-def]
             m[2] = slot.vehicle_curvature * slot.vehicle_speed
             m[3], m[4] = to_heading_frame(slot.vehicle_heading, east, north)
             m[5], m[6] = to_heading_frame(slot.vehicle_heading, slot.pedestrian_vx, slot.pedestrian_vy)
+            m[7], m[8] = to_heading_frame(slot.vehicle_heading, walked[i, 0], walked[i, 1])
 
 
 @kernel
 def features_of(situation, out):  # type: ignore[no-untyped-def]
-    """Write the features of a situation, float64[7], to float64[8]; return the pedestrian's side, 1 or -1."""
+    """Write the features of a situation, float64[9], to float64[8]; return the pedestrian's side, 1 or -1.
+
+    An acceleration that is not known counts as 0.
+    """
     walk_forward, walk_left = situation[5], situation[6]
     side = -1.0 if situation[4] < 0.0 else 1.0
     out[0], out[1] = situation[0], np.sqrt(walk_forward * walk_forward + walk_left * walk_left)
     out[2], out[3] = situation[3], situation[4] * side
     out[4], out[5] = walk_forward, walk_left * side
-    out[6], out[7] = situation[1], situation[2] * side
+    known = not np.isnan(situation[1])
+    out[6], out[7] = (situation[1], situation[2] * side) if known else (0.0, 0.0)
     return side
 
 
@@ -190,7 +195,7 @@ def _reactions(tensors: Mapping[str, NDArray[np.float32]], people: str, where: s
         (count,),
         (count,),
         (steps, ACTIONS),
-        (FEATURES, SECONDS, ACTIONS),
+        (count, ACTIONS),
         (len(QUANTITIES), len(LEVELS)),
         (count,),
     )

@@ -16,13 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses, split_by_name, table_hash
-from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import (
-    ACTIONS,
-    FEATURES,
-    SECOND,
-    SECONDS,
     SLOWEST,
     Bank,
     Reactions,
@@ -37,10 +32,8 @@ from vpsci_ros.world.observation import STEP, arrays_to_heading_frame, observe_a
 
 EVERY = 10  # steps from one situation of a track to the next, 1 s
 SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no situations
-LEAST = SECONDS * SECOND  # steps of a reaction, at least
+LEAST = 30  # steps of a reaction, at least
 FOREIGN = 6.0  # standard deviations by which a situation of another place counts as further away
-FEW = 60  # onsets of one's own that weigh as much as all onsets together, in standard deviations and slopes
-RIDGE = 0.1  # penalty of slopes, per onset
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
 _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
 
@@ -95,7 +88,6 @@ def reactions_of(
     :param motions: float64[T, 9] each, of two steps or more.
     :param first: int64[N], the step of the onset.
     :param foreign: bool[N], the motion is of another place: each of its situations counts as `FOREIGN` further away.
-        Standard deviations and slopes are means of those of all onsets and of the source's own onsets, see `FEW`.
     """
     known = np.array([len(motion) - 1 for motion in motions])  # steps whose actions are known
     onsets = np.flatnonzero(first <= known - LEAST)
@@ -108,16 +100,9 @@ def reactions_of(
     begin = (ends - known)[rows] + at
     situations = np.concatenate([recorded_situations(motion)[:-1] for motion in motions])[begin]
     features, side = describe(situations)
-    begun = features[:count]
-    relative = _relative(steps[begin[:count, None] + np.arange(LEAST)], begun[:, 0])
-    scale, slope = _fit_onsets(begun, relative, side[:count])
-    own = np.zeros(0, np.int64) if foreign is None else np.flatnonzero(~foreign[onsets])
-    if len(own):
-        parts = _fit_onsets(begun[own], relative[own], side[own])
-        share = len(own) / (len(own) + FEW)
-        raw = share * parts[1] / parts[0][:, None, None] + (1.0 - share) * slope / scale[:, None, None]
-        scale = np.sqrt(share * parts[0] ** 2 + (1.0 - share) * scale**2)
-        slope = raw * scale[:, None, None]
+    scale = np.maximum(features[:count].std(axis=0), 1e-3)
+    before = situations[:, [1, 2, 7, 8]]
+    before[:, 1] /= np.maximum(situations[:, 0], SLOWEST)
     return Reactions(
         features=np.ascontiguousarray((features / scale).T),
         scale=scale,
@@ -125,19 +110,21 @@ def reactions_of(
         begin=begin,
         end=ends[rows],
         steps=steps,
-        slope=slope,
+        before=before,
         reach=range_of(onsets_of(situations[:count])),
         far=np.zeros(len(rows)) if foreign is None else np.where(foreign[rows], FOREIGN**2, 0.0),
     )
 
 
 def recorded_situations(motion: Floats) -> Floats:
-    """Return the situation at each step of a motion, float64[T, 9] -> float64[T, 7]; see `bank.situations_of`.
+    """Return the situation at each step of a motion, float64[T, 9] -> float64[T, 9]; see `bank.situations_of`.
 
-    Acceleration and yaw rate of the vehicle are slopes over the 0.4 s before.
+    Accelerations are those of the step before; at the first step, of that step itself.
     """
     seen, _ = observe_arrays(*motion.T)
-    return situations_of(seen, trailing_slope(np.hypot(motion[:, 3], motion[:, 4])), trailing_slope(motion[:, 2]))
+    done = _accelerations(motion)
+    done = np.concatenate([done[:1], done])
+    return situations_of(seen, done[:, :2], done[:, 2:])
 
 
 def actions_of(motion: Floats) -> Floats:
@@ -146,44 +133,17 @@ def actions_of(motion: Floats) -> Floats:
     The vehicle's acceleration [m/s2] and curvature [1/m], the pedestrian's accelerations [m/s2] along the vehicle's
     heading and to its left.
     """
-    heading, velocities = motion[:-1, 2], (motion[:, 3:5], motion[:, 7:9])
-    changes = [arrays_to_heading_frame(heading, np.diff(velocity, axis=0)) for velocity in velocities]
-    done = (np.concatenate(changes, axis=1) / STEP).astype(np.float32).astype(np.float64)  # as a training reads them
+    done = _accelerations(motion)
     speed = np.maximum(np.hypot(motion[:-1, 3], motion[:-1, 4]), SLOWEST)
     done[:, 1] /= speed * speed
     return done
 
 
-def _relative(done: Floats, speed: Floats) -> Floats:
-    """Return actions, float64[n, T, 4], the vehicle's relative to its `speed` [m/s] in the situation."""
-    fast, out = np.maximum(speed, SLOWEST)[:, None], done.copy()
-    out[..., 0] /= fast
-    out[..., 1] *= fast * fast
-    return out
-
-
-def _fit_onsets(begun: Floats, relative: Floats, side: Floats) -> tuple[Floats, Floats]:
-    """Return standard deviations of the features of n onsets, float64[8], and `_slopes` by features divided by these.
-
-    :param begun: float64[n, 8]; the others as in `_slopes`.
-    """
-    scale = np.maximum(begun.std(axis=0), 1e-3)
-    return scale, _slopes(begun / scale, relative, side)
-
-
-def _slopes(features: Floats, done: Floats, side: Floats) -> Floats:
-    """Return `Reactions.slope`, float64[8, 3, 4]: ridge regressions of what was done in each second after n onsets.
-
-    :param done: float64[n, 30, 4], the actions from the onset on.
-    """
-    out = np.zeros((FEATURES, SECONDS, ACTIONS))
-    for second in range(SECONDS):
-        action = done[:, second * SECOND : (second + 1) * SECOND].mean(axis=1)
-        action[:, 1::2] *= side[:, None]
-        x, y = features - features.mean(axis=0), action - action.mean(axis=0)
-        normal = np.einsum("ni,nj->ij", x, x) + RIDGE * len(x) * np.eye(FEATURES)
-        out[:, second] = _solve(normal, np.einsum("ni,nj->ij", x, y))
-    return out
+def _accelerations(motion: Floats) -> Floats:
+    """Return the accelerations at each step but the last, float64[T - 1, 4] [m/s2]: both agents', forward and left."""
+    heading, velocities = motion[:-1, 2], (motion[:, 3:5], motion[:, 7:9])
+    changes = [arrays_to_heading_frame(heading, np.diff(velocity, axis=0)) for velocity in velocities]
+    return (np.concatenate(changes, axis=1) / STEP).astype(np.float32).astype(np.float64)  # as a training reads them
 
 
 def fitted(motion: Floats) -> Floats:

@@ -67,7 +67,7 @@ class WorldConfig:
     lane_following: bool = parameter(
         True,
         "true: the lateral acceleration that keeps the lane is added to that of the policy, or of /vehicle/cmd_accel, "
-        "before equation (18) turns the sum into steering; false: nothing is added",
+        "before equation (18) turns the sum into steering; false: nothing is added, but for agents that do not steer",
     )
     pedestrians: int = parameter(
         1, "largest number of pedestrians in an episode; each has its own row in the arrays", low=1, high=MOST

@@ -35,7 +35,8 @@ class Interventions(Protocol):
 class Loop:
     """A world with its monitor and its agents.
 
-    :param agents: by "vehicle" and "pedestrian"; called at policy frames.
+    :param agents: by "vehicle" and "pedestrian"; called at policy frames. The world keeps the lane of a vehicle whose
+        agent has a true `keeps_lane`.
     :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
     :param interventions: changes between an external driver's commands and the car; None: no change.
     """
@@ -53,6 +54,11 @@ class Loop:
         self._always_critical = always_critical
         self._interventions = interventions
         self._assessed: tuple[Tick, Assessment] | None = None
+        self._keep_lane()
+
+    def _keep_lane(self) -> None:
+        if getattr(self.agents.get("vehicle"), "keeps_lane", False):
+            self.world.keep_lane()
 
     def __iter__(self) -> Iterator[Step]:
         """Run the world until its queue of episodes is done, yielding the `Step` of every tick."""
@@ -108,3 +114,4 @@ class Loop:
         """
         every = self.world.config.policy_ticks
         self.world = make_world((self.world.now.number // every + 1) * every)
+        self._keep_lane()

@@ -93,6 +93,11 @@ class World:
         """Whether every episode of the queue has ended and every slot is idle."""
         return self._exhausted and self._idle == len(self.state) // self._most
 
+    def keep_lane(self) -> None:
+        """Keep the vehicle's lane from now on, for an agent that does not steer, see `WorldConfig.lane_following`."""
+        self.config = replace(self.config, lane_following=True)
+        self._settings = settings_from(self.config)
+
     def take_started(self) -> NDArray[np.void]:
         """Return the STARTED events of the first tick, EVENT[n]."""
         return self._started
