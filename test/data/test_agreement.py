@@ -8,12 +8,14 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.importers import ImportResult, import_trajectories
 from vpsci_ros.data.importers.described import described
 from vpsci_ros.data.importers.layout import TURNS
 from vpsci_ros.data.importers.layout_file import ANGLES, HEADINGS, LENGTHS, SPEEDS
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.tracks import BACKWARDS
+from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.errors import InvalidInput
 
 CAR, WALK, COURSE = 5.0, 1.3, 2.43  # [m/s], [m/s], [rad] of the car
@@ -268,3 +270,12 @@ def test_a_file_of_another_kind_is_named_without_a_librarys_options(content: byt
     with pytest.raises(InvalidInput, match=said) as refused:
         import_trajectories(tmp_path, "described")
     assert "schema" not in str(refused.value)
+
+
+def test_a_pointer_in_place_of_a_table_or_a_bag_is_named_as_one(tmp_path: Path) -> None:
+    for name, read in (("a.parquet", lambda path: read_parquet(path, "a table")), ("a.mcap", Bag)):
+        (tmp_path / name).write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
+        with pytest.raises(InvalidInput, match=f"{name}: a Git LFS pointer, not the file itself: run `git lfs pull`"):
+            read(tmp_path / name)
+    with pytest.raises(InvalidInput, match="a.mcap: a Git LFS pointer"):
+        Bag(tmp_path)
