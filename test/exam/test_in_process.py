@@ -22,6 +22,7 @@ from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.view import read_exam
 from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.workers import ThisMachine
 from vpsci_ros.view.episode_sources import open_source
 
 Write = Callable[[str], str]
@@ -141,8 +142,8 @@ def test_other_forms_and_pairs_of_options_are_refused_before_anything_is_written
     with pytest.raises(InvalidInput, match="external_mode = real_time: a system that drives without ROS is called"):
         prepare(found.changed("world_simulator", {"external_mode": "real_time"}), ads_class=EXAMPLE)
     assert prepare(found.changed("ads_test", {"ads_class": EXAMPLE}), "external").config.examined == "external"
-    with pytest.raises(InvalidInput, match="--workers 2: a system that you start yourself"):
-        prepare(found, "external", workers=2)
+    with pytest.raises(InvalidInput, match="a system that you start yourself"):
+        prepare(found, "external", workers=ThisMachine(2))
 
 
 def test_a_class_whose_process_ends_has_failed_and_the_report_is_where_it_was_asked_for(
@@ -150,7 +151,7 @@ def test_a_class_whose_process_ends_has_failed_and_the_report_is_where_it_was_as
 ) -> None:
     driver = module(mine("import os; os.chdir('/'); os._exit(0)"))
     failures = run_exam(small_exam(driver), Path("exam"), quiet=True)
-    ended = "and 3 more to the end: at 0.00 s the ADS ended with exit status 0 (log: exam/logs/ads_alone-1.log)"
+    ended = "and 3 more to the end: at 0.00 s the ADS ended with exit status 0 (log: logs/ads_alone-1.log)"
     assert ended in failures[0]
     assert (tmp_path / "exam" / "report.html").is_file()
 

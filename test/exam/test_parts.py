@@ -14,8 +14,9 @@ from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.config import ADS
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import episode_table
-from vpsci_ros.exam.result import Conduct, RunResult
+from vpsci_ros.exam.result import Conduct, RunResult, label_of
 from vpsci_ros.exam.view import stored_episodes
+from vpsci_ros.runs.workers import ThisMachine
 
 Small = Callable[..., Exam]
 DIES_ONCE = """
@@ -39,7 +40,8 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "dies_once.py").write_text(DIES_ONCE)
     monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 3)
-    found = run_with_all(small_exam("dies_once:Mine"), tmp_path, ["walker"], workers=2, quiet=True)["walker"]
+    exam, two = small_exam("dies_once:Mine"), ThisMachine(2)
+    found = run_with_all(exam, tmp_path, ["walker"], workers=two, quiet=True)["walker"]
     assert (tmp_path / "died").exists()
     assert {path.name for path in (tmp_path / "runs" / "walker").iterdir()} == {"1", "2"}
     table = episode_table(found, [], small_exam().config, driver="ads", pedestrian="walker").drop("time_lost")
@@ -54,13 +56,13 @@ class Backwards:
 
     size, spare = 4, 1
 
-    def __init__(self, job: Callable[[], Callable[[conduct.Run], RunResult]]) -> None:
+    def __init__(self, job: Callable[[], Callable[[conduct.Run], None]]) -> None:
         self._do, self._units = job(), list[conduct.Run]()
 
     def submit(self, unit: conduct.Run) -> None:
         self._units.append(unit)
 
-    def collect(self) -> list[tuple[conduct.Run, RunResult]]:
+    def collect(self) -> list[tuple[conduct.Run, None]]:
         unit = self._units.pop()
         return [(unit, self._do(unit))]
 
@@ -72,16 +74,20 @@ class Backwards:
 def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
     size: int, small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def driven(part: Exam, name: str, *_: object, **__: object) -> RunResult:
+    results: dict[str, RunResult] = {}
+
+    def driven(part: Exam, name: str, *_: object, **__: object) -> None:
         lost = (name, part.part) == ("learned", 0)
         found = [] if lost else [SimpleNamespace(key=(1, part.part))]
-        return RunResult(found, Conduct(2, refused=1, failure="it died" if lost else ""))  # type: ignore[arg-type]
+        said = Conduct(2, refused=1, failure="it died" if lost else "")
+        results[label_of(name, part.part)] = RunResult(found, said)  # type: ignore[arg-type]
 
-    if size > 1:
-        monkeypatch.setattr(conduct, "local_workers", lambda job, _: Backwards(job))
+    monkeypatch.setattr("vpsci_ros.runs.workers.Processes", lambda job, _: Backwards(job))
     monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 3)
     monkeypatch.setattr(conduct, "run_with", driven)
-    found = run_with_all(small_exam(), tmp_path, ["alone", "learned", "walker"], workers=size, quiet=True)
+    monkeypatch.setattr(conduct, "read_result", lambda path: results[f"{path.parent.parent.name}-{path.parent.name}"])
+    site = ThisMachine(size)
+    found = run_with_all(small_exam(), tmp_path, ["alone", "learned", "walker"], workers=site, quiet=True)
     assert {name: len(run.episodes) for name, run in found.items()} == {"alone": 2, "learned": 0}
     assert found["alone"].conduct == Conduct(4, refused=2)
     assert found["learned"].conduct == Conduct(4, refused=1, failure="it died")

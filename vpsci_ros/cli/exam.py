@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, People, Quiet, Settings, of_people, read_sections, stoppable, writes_folder
+from vpsci_ros.cli.options import (
+    Cluster,
+    MixedCpus,
+    Params,
+    People,
+    Quiet,
+    Settings,
+    of_people,
+    read_sections,
+    site_of,
+    stoppable,
+    writes_folder,
+)
 from vpsci_ros.errors import VpsciError
 
 if TYPE_CHECKING:
@@ -52,7 +64,10 @@ AllowStanding = Annotated[
     bool, typer.Option("--allow-standing", help="Pass also a system that does not arrive on the empty road.")
 ]
 Workers = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal.")
+    int | None,
+    typer.Option(
+        min=1, metavar="N", help="Graphs (or processes of a class) side by side, instead of one; all else is equal."
+    ),
 ]
 
 
@@ -83,7 +98,9 @@ def ads_test(
     ] = None,
     fail_if: FailIf = None,
     allow_standing: AllowStanding = False,
-    workers: Workers = 1,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     people: People = None,
     settings: Settings = None,
     quiet: Quiet = False,
@@ -102,13 +119,14 @@ def ads_test(
     sections = examined_sections(params, chosen, episodes, recorded)
     if allow_standing:
         sections = sections.changed("ads_test", {"allow_standing": True})
-    exam = prepare(sections, ads, ads_class, workers)
+    site = site_of(workers, cluster, mixed_cpus)
+    exam = prepare(sections, ads, ads_class, site)
     if detect is not None:
         earlier = compared_with(exam, identity_of(exam), baseline).rows if baseline else None
         typer.echo("\n".join(needed(exam, detect, earlier)))
         return
     with stoppable(output), _demanded(output / REPORT):
-        failures = run_exam(exam, output, fail_if or [], workers=workers, against=baseline, quiet=quiet)
+        failures = run_exam(exam, output, fail_if or [], workers=site, against=baseline, quiet=quiet)
     if failures:
         raise typer.Exit(1)
 

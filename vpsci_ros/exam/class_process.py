@@ -21,7 +21,7 @@ from typing import Any
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.driver_class import Answer, Cockpit, Scene, find_driver, received_answer
-from vpsci_ros.exam.process import failure
+from vpsci_ros.exam.process import failure, log_name
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.world import Scenario
@@ -41,12 +41,13 @@ class ClassProcess:
 
     :param patience: for an answer [s].
     :ivar path: of the file that defines the class, as the process gives it; empty: there is none.
+    :ivar imported: files of the working directory that the module has imported, as the process gives them.
     :raises InvalidInput: the class cannot be found or made.
     """
 
     def __init__(self, process: ChildProcess, connection: Connection, patience: float) -> None:
         self._process, self._connection, self._patience = process, connection, patience
-        self._ended = ""
+        self._ended, self.imported = "", list[Path]()
         self.path: str = self._first("while its module was imported")
 
     def make_drivers(self, scenarios: Sequence[Scenario], cars: int, spawn: str) -> None:
@@ -111,7 +112,7 @@ class ClassProcess:
 
     def _how(self) -> str:
         """Return how the process ended; nothing while it runs."""
-        return failure(self._process).removesuffix(f" (log: {self._process.log})")
+        return failure(self._process).removesuffix(f" (log: {log_name(self._process.log)})")
 
     def _first(self, when: str) -> Any:
         """Return what the process says before it is asked anything.
@@ -124,7 +125,8 @@ class ClassProcess:
         match found:
             case {"refused": str(reason)}:
                 raise InvalidInput(printable(reason))
-            case {"path": str(path)}:
+            case {"path": str(path), "imported": [*files]}:
+                self.imported = [Path(str(file)) for file in files]
                 return path
             case {} if isinstance(found, dict) and not found:
                 return ""
@@ -162,6 +164,19 @@ def files_of_class(text: str) -> dict[str, str]:
         return {path.name: sha256(path)} if path.is_file() else {}
 
 
+def code_of_class(text: str) -> list[Path]:
+    """Return the files of the working directory that the class MODULE:CLASS needs: modules, and all of its packages.
+
+    :raises InvalidInput: there is no such class, or it is no driver.
+    """
+    here = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder, class_process(text, Path(folder) / "log", _STARTS) as process:
+        modules = [path for path in process.imported if path.is_file() and path.is_relative_to(here)]
+    packages = {here / path.relative_to(here).parts[0] for path in modules if path.parent != here}
+    inside = [path for package in packages for path in package.rglob("*") if path.is_file()]
+    return sorted({path for path in (*modules, *inside) if "__pycache__" not in path.parts})
+
+
 def main(descriptor: int, text: str) -> None:
     """Run the main loop of the class's process: answer scenes until the connection ends."""
     connection, own = Connection(descriptor), os.getpid()
@@ -173,7 +188,7 @@ def main(descriptor: int, text: str) -> None:
 
     try:
         driver = find_driver(text)
-        say({"path": _source(driver)})
+        say({"path": _source(driver), "imported": _of_working_directory()})
         cockpit = Cockpit(driver, *connection.recv())
         say({})
         while True:
@@ -189,6 +204,13 @@ def main(descriptor: int, text: str) -> None:
                 stream.flush()
         if sys.exc_info()[0] is None:
             os._exit(0)  # without waiting for threads that the class has left
+
+
+def _of_working_directory() -> list[str]:
+    """Return the files of modules that were imported from the working directory, and are not installed in it."""
+    here, files = Path.cwd(), (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    own = [Path(file) for file in files if isinstance(file, str)]
+    return [str(path) for path in own if path.is_relative_to(here) and not path.is_relative_to(sys.prefix)]
 
 
 def _source(driver: type) -> str:

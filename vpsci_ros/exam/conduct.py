@@ -24,10 +24,11 @@ from vpsci_ros.exam.exam import Exam, identity_of
 from vpsci_ros.exam.in_graph import domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
+from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.runs.files import changed_files, sha256, write_json
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, read_record
-from vpsci_ros.runs.workers import computed, local_workers
+from vpsci_ros.runs.workers import HERE, Place, Site, computed
 
 RESULT = "result.json"  # what a finished run is, and the hash of each of its files
 
@@ -47,7 +48,7 @@ def run_with_all(
     folder: Path,
     pedestrians: Sequence[str],
     *,
-    workers: int = 1,
+    workers: Site = HERE,
     quiet: bool,
     what: str = "",
 ) -> dict[str, RunResult]:
@@ -55,7 +56,7 @@ def run_with_all(
 
     After a run in which the system completes no episode, no further run begins.
 
-    :param workers: runs side by side, each in a process of its own; the results do not depend on their number.
+    :param workers: where the runs are driven; the results do not depend on it.
     :param what: label of the runs in the progress.
     :raises VpsciError: a node has failed, or workers die again and again.
     :raises KeyboardInterrupt: stopped on request.
@@ -63,41 +64,63 @@ def run_with_all(
     parts = exam.parts()
     runs = [Run(name, number) for name in pedestrians for number in range(len(parts))]
     waiting, found = iter(runs), dict[Run, RunResult]()
-    alone = workers == 1
+    alone = workers.alone
     titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if alone and not quiet else {}
 
-    def following() -> Run | None:
-        return None if any(not result.episodes for result in found.values()) else next(waiting, None)
+    def take(run: Run) -> None:
+        found[run] = read_result(run_folder(folder, run.pedestrian, run.part) / FRAMES)
 
-    pool = local_workers(partial(conductor, parts, titles, folder), min(workers, len(runs)))
-    with contextlib.closing(pool), Bars(quiet=quiet or alone) as bars:
-        for run, result in computed(pool, following, ahead=False):
-            found[run] = result
-            done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
-            bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
-            bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
+    def following() -> Run | None:
+        while all(result.episodes for result in found.values()) and (run := next(waiting, None)):
+            if not is_done(parts[run.part], folder, run.pedestrian):
+                shutil.rmtree(run_folder(folder, run.pedestrian, run.part), ignore_errors=True)
+                return run
+            take(run)
+        return None
+
+    todo = list(filter(None, [following()]))
+    if todo:
+        pool = workers.start(
+            partial(conductor, parts, [exam_digest(part) for part in parts], titles),
+            folder,
+            most=len(runs),
+            reads=partial(files_to_take, exam),
+            whole_host=not exam.in_process,
+        )
+        with contextlib.closing(pool), Bars(quiet=quiet or alone, where=workers.hosts) as bars:
+            for run, _ in computed(pool, lambda: todo.pop() if todo else following(), ahead=False):
+                take(run)
+                done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
+                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
+                bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
     empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
     taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
     return {name: merged_results(results, len(exam.episodes)) for name, results in taken.items() if results}
 
 
-def conductor(parts: Sequence[Exam], titles: Mapping[Run, str], folder: Path) -> Callable[[Run], RunResult]:
-    """Return a function that does a `Run`, one part of an exam with one pedestrian, and returns its result.
+def conductor(
+    parts: Sequence[Exam], digests: Sequence[str], titles: Mapping[Run, str], place: Place
+) -> Callable[[Run], None]:
+    """Return a function that does a `Run`, one part of an exam with one pedestrian, whose result is in its files.
 
+    :param digests: `exam_digest` of each part, where the exam was prepared.
     :param titles: of the runs, for the progress; a run without one is quiet.
     """
+    own = [arrived(part, place) for part in parts]
 
-    def conduct(run: Run) -> RunResult:
-        with domain_of(parts[0]):
-            return run_with(parts[run.part], run.pedestrian, folder, titles.get(run, ""), quiet=run not in titles)
+    def conduct(run: Run) -> None:
+        with domain_of(own[0]):
+            exam, digest, title = own[run.part], digests[run.part], titles.get(run, "")
+            run_with(exam, run.pedestrian, place.folder, title, quiet=run not in titles, digest=digest)
 
     return conduct
 
 
-def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> RunResult:
+def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, digest: str = "") -> RunResult:
     """Run the driving system with one pedestrian in `folder`, unless the run is finished; return the result.
 
     :param which: label of the run in the progress.
+    :param digest: `exam_digest` of the exam; empty: that of this machine.
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
@@ -115,15 +138,19 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     drive = run_in_process if exam.in_process else run_in_graph
     result = drive(exam, name, run, log, quiet=quiet)
     files = {path.relative_to(run).as_posix(): sha256(path) for path in sorted(run.rglob("*")) if path.is_file()}
-    write_json(run / RESULT, {**run_identity(exam, name), "files": files})
+    write_json(run / RESULT, {**run_identity(exam, name, digest), "files": files})
     return result
 
 
-def run_identity(exam: Exam, name: str) -> dict[str, Any]:
+def run_identity(exam: Exam, name: str, digest: str = "") -> dict[str, Any]:
     """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
-    identity = json.dumps(identity_of(exam), sort_keys=True).encode()
     own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
-    return {**own, "exam_sha256": hashlib.sha256(identity).hexdigest()}
+    return {**own, "exam_sha256": digest or exam_digest(exam)}
+
+
+def exam_digest(exam: Exam) -> str:
+    """Return a SHA-256 of an exam's identity."""
+    return hashlib.sha256(json.dumps(identity_of(exam), sort_keys=True).encode()).hexdigest()
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:

@@ -30,6 +30,7 @@ from vpsci_ros.runs.config import PatienceConfig, RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
+from vpsci_ros.runs.workers import HERE, Site
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.perception import PerceptionConfig
@@ -152,11 +153,13 @@ class Exam:
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
-def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: int = 1) -> Exam:
+def prepare(
+    sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: Site = HERE
+) -> Exam:
     """Return the exam that the parameters describe, after all checks that are possible before a run.
 
     :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
-    :param workers: runs side by side.
+    :param workers: where the runs will be driven.
     :raises InvalidInput: a parameter, the command, the class, weights or recordings are refused.
     """
     if ads is not None and ads_class is not None:
@@ -173,8 +176,11 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
         require_lock_step(exam)
     if config.ads_class or config.baseline:
         require_own(exam.simulator.engine, "a class and the autopilot (ads_test.baseline) drive")
-    if workers > 1 and config.examined == EXTERNAL:
-        raise InvalidInput(f"--workers {workers}: a system that you start yourself (external) drives in one graph only")
+    if not workers.alone and config.examined == EXTERNAL:
+        raise InvalidInput(
+            "a system that you start yourself (external) drives in one graph only, on this machine; leave --workers "
+            "and --cluster out"
+        )
     if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
         raise InvalidInput(
             f"ads_test.ads = {OWN}: /pedestrian/odometry holds the first pedestrian only, and "

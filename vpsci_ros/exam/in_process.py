@@ -21,6 +21,7 @@ from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.config import BASELINE, title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
+from vpsci_ros.exam.process import log_name
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.lockstep.intervention import Interventions
 from vpsci_ros.policy.agent import PolicyAgent
@@ -167,7 +168,7 @@ class DrivenLoop:
             return ""
         (scenario, episode), why = next(iter(sorted(self.lost.items())))
         others = f" and {len(self.lost) - 1} more" if len(self.lost) > 1 else ""
-        return f"the ADS did not drive {scenario}:{episode}{others} to the end: {why} (log: {self._log})"
+        return f"the ADS did not drive {scenario}:{episode}{others} to the end: {why} (log: {log_name(self._log)})"
 
     def _driven(self, state: NDArray[np.void]) -> Iterator[tuple[slice, Key]]:
         """Yield rows and key of each running episode in EPISODE[B] that is not lost."""

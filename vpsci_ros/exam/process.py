@@ -67,7 +67,12 @@ def failure(process: ChildProcess) -> str:
     if not process.end:
         return ""
     said = process.said()
-    return f"the ADS {process.end}" + (f", having said {said!r}" if said else "") + f" (log: {process.log})"
+    return f"the ADS {process.end}" + (f", having said {said!r}" if said else "") + f" (log: {log_name(process.log)})"
+
+
+def log_name(log: Path) -> str:
+    """Return a log's name as results have it, within the exam's folder: logs/ads_walker.log."""
+    return f"{log.parent.name}/{log.name}"
 
 
 def _environment() -> dict[str, str]:

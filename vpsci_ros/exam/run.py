@@ -29,6 +29,7 @@ from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.workers import HERE, Site, mixed
 from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.page import write_view
 
@@ -40,14 +41,14 @@ def run_exam(
     folder: Path,
     criteria: Sequence[str] = (),
     *,
-    workers: int = 1,
+    workers: Site = HERE,
     against: Path | None = None,
     quiet: bool = False,
 ) -> list[str]:
     """Run the exam, write and print its report, and return the reasons for failing; empty if it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
-    :param workers: runs side by side.
+    :param workers: where the runs are driven.
     :param against: folder of an earlier exam to compare with.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
@@ -55,7 +56,7 @@ def run_exam(
     pedestrians = exam.config.opponents
     understood = partial(parse, opponents=pedestrians, compared=against is not None)
     parsed = [understood(text) for text in (*exam.config.fail_if, *criteria)]
-    identity = identity_of(exam)
+    identity = identity_of(exam) | mixed(workers)
     earlier = None if against is None else compared_with(exam, identity, against)
     take_folder(folder, identity)
 

@@ -93,9 +93,9 @@ def generate(
         WANTED: {str(number): targets[number] for number in sorted(targets)},
         "formats": list(formats),
     } | ({"mixed_cpus": True} if mixed_cpus else {})
-    versions = {"versions": software_versions()}
+    more = {"versions": software_versions(), "mixed_cpus": mixed_cpus or None}
     begin = time.monotonic()
-    with parts_of(folder, run | versions, min(unit, max(32, 2 * max(targets.values())))) as parts:
+    with parts_of(folder, run | more, min(unit, max(32, 2 * max(targets.values())))) as parts:
         if parts is None:
             data = Dataset(folder)
             _require_whole(data)

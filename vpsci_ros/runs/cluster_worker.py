@@ -16,6 +16,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import distributions
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -50,8 +51,18 @@ class Order(NamedTuple):
 
 def facts(*, mixed_cpus: bool) -> dict[str, Any]:
     """Return all that results depend on besides the job: software, this package's files, and the CPU unless mixed."""
-    own = {"software": software_versions(), "package_sha256": package_digest()}
+    own = {"software": software_versions(), "package_sha256": package_digest(), "plugins": _plugins()}
     return own if mixed_cpus else own | {"cpu": cpu_name(), "kernels": kernel_target()}
+
+
+def _plugins() -> list[str]:
+    """Return what other installed packages add to this one, with their versions."""
+    return sorted(
+        f"{point.group} {point.name}: {package.name} {package.version}"
+        for package in distributions()
+        for point in package.entry_points
+        if point.group.startswith("vpsci_ros.") and package.name != "vpsci_ros"
+    )
 
 
 class _Child:
@@ -212,6 +223,7 @@ def dismiss(name: str) -> None:
 def main(descriptor: int, parent: int, folder: str) -> None:
     """Run a process of an order: make the job, then compute one unit after another."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # graphs of other hosts may have the same domain
     threading.Thread(target=end_with, args=(parent,), daemon=True).start()
     connection = Connection(descriptor)
     order: Order = pickle.loads(connection.recv_bytes())
@@ -221,7 +233,7 @@ def main(descriptor: int, parent: int, folder: str) -> None:
         mine = facts(mixed_cpus="cpu" not in order.facts)
         require_same("this worker", mine, order.facts, "computes", "install there what is installed here")
         root = _lay_out(order, f"{folder}/files")
-        do = pickle.loads(order.job)(Place(outputs, root))
+        do = pickle.loads(order.job)(Place(outputs, True, root))
     except Exception as error:  # noqa: BLE001 - the command says it
         connection.send_bytes(_REFUSED)
         connection.send_bytes((str(error) if isinstance(error, VpsciError) else repr(error)).encode())

@@ -34,10 +34,12 @@ class Place(NamedTuple):
     """The place where a worker does a job.
 
     :ivar folder: into which the units write their files.
+    :ivar remote: another machine, perhaps.
     :ivar root: folder with copies of the files that the job reads; empty: they are where they were named.
     """
 
     folder: Path
+    remote: bool = False
     root: str = ""
 
     def path(self, text: str) -> str:
@@ -247,6 +249,15 @@ class ThisMachine:
     def hosts(self) -> str:
         """Return nothing: it is this machine."""
         return ""
+
+
+HERE = ThisMachine()
+"""This process alone."""
+
+
+def mixed(site: Site) -> dict[str, Any]:
+    """Return the fact for a run's identity whether workers may have several kinds of CPU: true or null."""
+    return {"mixed_cpus": site.mixed_cpus or None}
 
 
 def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:

@@ -21,6 +21,7 @@ from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.extras.exam_extra.euro_ncap import KMH, Cell, cells, colour_of, document, impact_speed, motion, rated
 from vpsci_ros.extras.exam_extra.protocol import beside_people, run_protocol
 from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.workers import ThisMachine
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
 from vpsci_ros.world import Recorded, World, WorldConfig
 from vpsci_ros.world.parked import in_sight, parked_from
@@ -200,7 +201,7 @@ def test_the_protocol_has_a_report_with_the_pedestrians_of_an_exam_beside_it(
     (tmp_path / "report.json").write_text(json.dumps(people | {"exam": {"ads": "mine"}}))
     exam = prepare(load(params_dir() / "ads_test.yaml"), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
     out = tmp_path / "out"
-    assert run_protocol(exam, out, tmp_path, 3.0, workers=1, quiet=True) == ["2.50 points, fewer than 3"]
+    assert run_protocol(exam, out, tmp_path, 3.0, workers=ThisMachine(), quiet=True) == ["2.50 points, fewer than 3"]
     found = json.loads((out / "report.json").read_text())
     assert {driver: each["points"] for driver, each in found["drivers"].items()} == {"ads": 2.5, "autopilot": 1.75}
     assert "the ADS: 2.50 of 2.5 points" in capsys.readouterr().out

@@ -23,6 +23,7 @@ from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.exam_extra.socket_driver import SocketDriver, connected, prepare_socket
 from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.workers import ThisMachine
 from vpsci_ros.wire.layout import PlanarMotion
 
 SOURCE = Path(__file__).parents[3] / "examples" / "socket_ads.cpp"
@@ -174,7 +175,7 @@ def test_options_that_do_not_go_together_are_refused() -> None:
         with pytest.raises(InvalidInput, match=said):
             prepare_socket(found, ads, port)
     with pytest.raises(InvalidInput, match="in one graph only"):
-        prepare_socket(found, "external", 5577, workers=2)
+        prepare_socket(found, "external", 5577, workers=ThisMachine(2))
     real = found.changed("world_simulator", {"external_mode": "real_time"})
     with pytest.raises(InvalidInput, match="external_mode = real_time"):
         prepare_socket(real, "sh", 0)

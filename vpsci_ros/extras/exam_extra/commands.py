@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from vpsci_ros.cli.exam import Ads, AdsClass, Episodes, ExamFolder, FailIf, Recorded, Workers, examined_sections
-from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
+from vpsci_ros.cli.options import (
+    Cluster,
+    MixedCpus,
+    Params,
+    Quiet,
+    Settings,
+    read_sections,
+    site_of,
+    stoppable,
+    writes_folder,
+)
 
 PANEL = "Examine a driving system"  # of `vpsci --help`
 search_app, why_app, protocol_app, socket_app = (typer.Typer(add_completion=False) for _ in range(4))
@@ -26,7 +36,9 @@ def ads_search(
         int, typer.Option(min=100, max=10_000_000, help="Episodes to search, simulated with a surrogate of the system.")
     ] = 20_000,
     budget: Annotated[int, typer.Option(min=40, max=1_000_000, help="Episodes that the system drives.")] = 1000,
-    workers: Workers = 1,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -36,9 +48,10 @@ def ads_search(
     from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
 
     search = SearchConfig(pedestrian, pool, budget)
-    exam = prepare(read_sections(params, settings), ads, ads_class, workers)
+    site = site_of(workers, cluster, mixed_cpus)
+    exam = prepare(read_sections(params, settings), ads, ads_class, site)
     with stoppable(output):
-        failures = run_search(exam, search, output, workers=workers, quiet=quiet)
+        failures = run_search(exam, search, output, workers=site, quiet=quiet)
     for reason in failures:
         print(f"failed: {reason}", file=sys.stderr)
     _end(failures)
@@ -51,7 +64,7 @@ def ads_why(
     minutes: Annotated[
         float, typer.Option(min=0.0, help="Start no run later; the same command resumes. 0: no limit.")
     ] = 10.0,
-    workers: Workers = 1,
+    workers: Workers = None,
     quiet: Quiet = False,
 ) -> None:
     """Repeat the worst failures of an exam with one change each, and report the changes that avoid them.
@@ -62,7 +75,7 @@ def ads_why(
 
     with stoppable(exam):
         limit = 60.0 * minutes or math.inf
-        page = explain_exam(exam, failures, workers=workers, quiet=quiet, limit=limit)
+        page = explain_exam(exam, failures, workers=workers or 1, quiet=quiet, limit=limit)
     print(f"report: {page}")
 
 
@@ -79,7 +92,9 @@ def ads_protocol(
     fail_below: Annotated[
         float, typer.Option(metavar="POINTS", help="Exit with status 1 below this number of points.")
     ] = 0.0,
-    workers: Workers = 1,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -87,9 +102,10 @@ def ads_protocol(
     from vpsci_ros.exam.exam import prepare
     from vpsci_ros.extras.exam_extra.protocol import run_protocol
 
-    exam = prepare(read_sections(params, settings), ads, ads_class, workers)
+    site = site_of(workers, cluster, mixed_cpus)
+    exam = prepare(read_sections(params, settings), ads, ads_class, site)
     with stoppable(output):
-        failures = run_protocol(exam, output, beside, fail_below, workers=workers, quiet=quiet)
+        failures = run_protocol(exam, output, beside, fail_below, workers=site, quiet=quiet)
     _end(failures)
 
 
@@ -106,7 +122,9 @@ def ads_socket(
     episodes: Episodes = None,
     recorded: Recorded = None,
     fail_if: FailIf = None,
-    workers: Workers = 1,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -114,9 +132,10 @@ def ads_socket(
     from vpsci_ros.exam.run import run_exam
     from vpsci_ros.extras.exam_extra.socket_driver import prepare_socket
 
-    exam = prepare_socket(examined_sections(params, settings, episodes, recorded), ads, port, workers)
+    site = site_of(workers, cluster, mixed_cpus)
+    exam = prepare_socket(examined_sections(params, settings, episodes, recorded), ads, port, site)
     with stoppable(output):
-        failures = run_exam(exam, output, fail_if or [], workers=workers, quiet=quiet)
+        failures = run_exam(exam, output, fail_if or [], workers=site, quiet=quiet)
     _end(failures)
 
 

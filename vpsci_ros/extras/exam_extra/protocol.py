@@ -31,6 +31,7 @@ from vpsci_ros.lockstep.intervention import Intervention, as_parameter
 from vpsci_ros.report import html
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.workers import Site
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.page import write_view
@@ -91,7 +92,7 @@ def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
 
 
 def run_protocol(
-    exam: Exam, folder: Path, beside: Path | None, fail_below: float, *, workers: int, quiet: bool
+    exam: Exam, folder: Path, beside: Path | None, fail_below: float, *, workers: Site, quiet: bool
 ) -> list[str]:
     """Run the protocol's tests, write and print the result, and return the reasons for failing.
 
@@ -136,7 +137,7 @@ def no_points(rated: Mapping[str, Any]) -> str:
     return f"no points, since {count} cell{'s were' if count > 1 else ' was'} not driven: {listed(rated['missing'], 3)}"
 
 
-def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> dict[str, Any]:
+def conduct_protocol(exam: Exam, folder: Path, *, workers: Site, quiet: bool) -> dict[str, Any]:
     """Run the protocol's tests in `folder` with the system and with the autopilot's brake; return the results.
 
     :raises VpsciError: a node has failed.

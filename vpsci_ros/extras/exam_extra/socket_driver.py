@@ -25,6 +25,7 @@ from vpsci_ros.exam.process import OWN, command_of, failure, running
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import ChildProcess
+from vpsci_ros.runs.workers import HERE, Site
 
 PORT = "VPSCI_ADS_PORT"  # environment variable in which a system that is started here finds the port
 HELLO = {"type": "hello", "protocol": "vpsci-ads", "version": 1}
@@ -136,7 +137,7 @@ class SocketDriver:
         return InvalidInput(self._lost)
 
 
-def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int = 1) -> Exam:
+def prepare_socket(sections: Sections, ads: str | None, port: int, workers: Site = HERE) -> Exam:
     """Return the exam of a program that connects to a port of 127.0.0.1.
 
     :param ads: its command, instead of the parameters' one; external: somebody else starts it.

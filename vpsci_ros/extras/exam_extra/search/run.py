@@ -31,6 +31,7 @@ from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek
 from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_json, write_text
 from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.workers import HERE, Site, mixed
 
 IDENTITY = "search.json"
 TITLES = {
@@ -53,10 +54,12 @@ class _Failed(Exception):
     """The driving system did not drive a part to its end."""
 
 
-def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int = 1, quiet: bool = False) -> list[str]:
+def run_search(
+    exam: Exam, search: SearchConfig, folder: Path, *, workers: Site = HERE, quiet: bool = False
+) -> list[str]:
     """Search, write and print the result; return the reasons for which the ADS did not drive its episodes.
 
-    :param workers: runs side by side.
+    :param workers: where the runs are driven.
     :raises InvalidInput: a parameter is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
@@ -64,7 +67,7 @@ def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int =
     failure = exam.config.failure
     if exam.run.only:
         raise InvalidInput("ads-search and a list of episodes exclude each other; take world_simulator.only out")
-    identity = identity_of(exam) | {"search": dataclasses.asdict(search) | {"failure": failure}}
+    identity = identity_of(exam) | mixed(workers) | {"search": dataclasses.asdict(search) | {"failure": failure}}
     take_folder(folder, identity, IDENTITY)
     pool = _pool(exam, search.pool)
     tables: dict[str, pl.DataFrame] = {}

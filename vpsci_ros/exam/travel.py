@@ -1,0 +1,64 @@
+"""An exam on another machine: the user's files that go with it, and the check that the same system drives there."""
+
+import dataclasses
+import importlib.util
+import shlex
+from pathlib import Path
+
+import vpsci_ros
+from vpsci_ros.exam.class_process import code_of_class
+from vpsci_ros.exam.exam import Exam, driver_files
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.resources import near_misses_path
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.workers import Place
+
+_PACKAGE = Path(vpsci_ros.__file__).resolve().parent
+
+
+def files_to_take(exam: Exam) -> list[Path]:
+    """Return the user's files that a run reads: the system's in the working directory, and those that parameters name.
+
+    :raises InvalidInput: the class is not there any more.
+    """
+    config, here = exam.config, Path.cwd()
+    words = [] if config.ads_class else [Path(word).absolute() for word in shlex.split(config.ads)]
+    code = code_of_class(config.ads_class) if config.ads_class else [path for path in words if path.is_file()]
+    recorded = [near_misses_path(config.recorded)] if config.recorded else []
+    named = [exam.weights, *recorded, *map(Path, exam.run.scenario_files)]
+    return [
+        *(path for path in code if path.is_relative_to(here)),
+        *(path.absolute() for path in named if not path.resolve().is_relative_to(_PACKAGE)),
+    ]
+
+
+def arrived(exam: Exam, place: Place) -> Exam:
+    """Return the exam for a worker's place: there, its parameters name the copies of the user's files.
+
+    :raises InvalidInput: the files of the driving system differ there, or its program is missing.
+    """
+    if not place.remote:
+        return exam
+    config = dataclasses.replace(exam.config, recorded=place.path(exam.config.recorded))
+    run = dataclasses.replace(exam.run, scenario_files=[place.path(path) for path in exam.run.scenario_files])
+    weights = place.path(exam.sections.get(PolicyConfig, "pedestrian_policy").weights)
+    sections = exam.sections.changed("pedestrian_policy", {"weights": weights})
+    if config.recorded:
+        sections = sections.changed("ads_test", {"recorded": config.recorded})
+    if run.scenario_files:
+        sections = sections.changed("world_simulator", {"scenario_files": run.scenario_files})
+    there = _class_file(config.ads_class) if config.ads_class else driver_files(config)
+    advice = "the driving system has to be the same there"
+    require_same("this worker", {"files": there}, {"files": dict(exam.files)}, "has a driving system", advice)
+    return dataclasses.replace(exam, config=config, run=run, sections=sections)
+
+
+def _class_file(text: str) -> dict[str, str]:
+    """Return name -> SHA-256 of the file of the module in MODULE:CLASS; empty if there is none."""
+    try:
+        found = importlib.util.find_spec(text.partition(":")[0])
+    except ImportError:
+        return {}
+    path = Path(found.origin) if found and found.origin else None
+    return {path.name: sha256(path)} if path and path.is_file() else {}
