@@ -21,7 +21,6 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from vpsci_ros.errors import VpsciError
 
 _MOST_DEATHS = 3  # in a row without a unit done
-_READY = None  # what a worker says once when it is up
 _GRACE = 60.0  # [s] that a worker has to stop in order, if it takes SIGTERM at all
 
 Unit = TypeVar("Unit")
@@ -125,7 +124,7 @@ class Processes(Generic[Unit, Result]):
                 else:
                     if isinstance(said, Exception):
                         raise said
-                    if said is _READY:
+                    if connection not in self._running:  # it says that it is up
                         self._send(connection, self._job)
                     elif (unit := self._running[connection]) is not None:
                         found.append((unit, said))
@@ -290,7 +289,7 @@ def _work(connection: Connection, parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to deal with
     threading.Thread(target=end_with, args=(parent,), daemon=True).start()
     try:
-        connection.send(_READY)
+        connection.send(None)  # it is up
         job: Job[Any, Any] = connection.recv()
         do = job()
         while True:
