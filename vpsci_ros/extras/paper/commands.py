@@ -7,12 +7,15 @@ from typing import Annotated
 import typer
 
 from vpsci_ros.cli.options import (
+    Cluster,
+    MixedCpus,
     NearMisses,
     Params,
     Quiet,
     Resumable,
     Settings,
     read_sections,
+    site_of,
     stoppable,
     writes_folder,
 )
@@ -20,6 +23,9 @@ from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import RIGHT_TURNS, TO_MEASURE_ON
 
+Workers = Annotated[
+    int | None, typer.Option(min=1, metavar="N", help="Trainings side by side, instead of one; all else is equal.")
+]
 study_app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
@@ -63,6 +69,9 @@ def samples(
         typer.Option(metavar="N,N,...", help="Numbers of training interactions, one run each; default: Table 3's."),
     ] = None,
     settings: Settings = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     quiet: Quiet = False,
 ) -> None:
     """Repeat Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
@@ -81,8 +90,10 @@ def samples(
     chosen = given_names(sizes or "", "--sizes")
     if not all(part.isdigit() for part in chosen):
         raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
+    site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
-        run_sample_study(read_sections(params, settings, near_misses), output, [*map(int, chosen)], quiet=quiet)
+        sections = read_sections(params, settings, near_misses)
+        run_sample_study(sections, output, [*map(int, chosen)], site=site, quiet=quiet)
 
 
 @study_app.command()
@@ -96,6 +107,9 @@ def folds(
         Path | None, typer.Option("--refine", metavar="FILE", help="Also run stage 2, with this parameter file.")
     ] = None,
     settings: Settings = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     quiet: Quiet = False,
 ) -> None:
     """Cross-validate stage 1, or stages 1 and 2: errors with every clip held out once, beside naive controls.
@@ -112,9 +126,11 @@ def folds(
     """
     from vpsci_ros.extras.paper.studies.run import run_fold_study
 
+    site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
         stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
-        run_fold_study(read_sections(params, settings, near_misses), output, count, stage_2=stage_2, quiet=quiet)
+        sections = read_sections(params, settings, near_misses)
+        run_fold_study(sections, output, count, stage_2=stage_2, site=site, quiet=quiet)
 
 
 @study_app.command()
@@ -145,6 +161,9 @@ def models(
         typer.Option(metavar="FACTOR,...", help="Factors of the step sizes, tried for each model on training clips."),
     ] = None,
     settings: Settings = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     quiet: Quiet = False,
 ) -> None:
     """Repeat Table 9: its models, by supervision and by reinforcement, with and without hybrid learning.
@@ -165,6 +184,7 @@ def models(
     from vpsci_ros.extras.paper.studies.run import run_model_study
 
     factors = _factors(steps)
+    site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
         run_model_study(
             read_sections(params, settings, near_misses),
@@ -176,6 +196,7 @@ def models(
             refine=None if refine is None else read_sections(refine, None, near_misses),
             simulated=simulated,
             fresh_episodes=fresh_episodes,
+            site=site,
             quiet=quiet,
         )
 
@@ -196,6 +217,9 @@ def weights(
         int, typer.Option(min=0, help="Seed of these episodes, another one than in training.")
     ] = 1000,
     settings: Settings = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    mixed_cpus: MixedCpus = False,
     quiet: Quiet = False,
 ) -> None:
     """Repeat Table 5: stage 2 with seven fixed reward weightings and the adaptive one, beside the paper's values.
@@ -213,6 +237,7 @@ def weights(
     """
     from vpsci_ros.extras.paper.studies.run import run_weight_study
 
+    site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
         run_weight_study(
             read_sections(params, settings, near_misses),
@@ -220,6 +245,7 @@ def weights(
             given_names(weightings or "", "--weightings"),
             fresh_episodes=fresh_episodes,
             fresh_seed=fresh_seed,
+            site=site,
             quiet=quiet,
         )
 

@@ -4,6 +4,7 @@ A few dozen vehicles make one split a lottery: held out or not, a single braking
 trains as often as there are folds and measures every interaction by the policies that have not learned from its clip.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure
 from vpsci_ros.extras.paper.studies.folds import held_out_folds, pooled
 from vpsci_ros.extras.paper.studies.networks import Report
-from vpsci_ros.extras.paper.studies.state import StudyReport, once, trained
+from vpsci_ros.extras.paper.studies.state import StudyReport, once, side_by_side, trained
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning import refine as stage_2
@@ -27,6 +28,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, resolved
 from vpsci_ros.runs.files import write_json
+from vpsci_ros.runs.workers import HERE, Site
 
 RESULT = "cross_validation.json"
 GUARD = 0.1  # share of near misses, by whole clips
@@ -63,6 +65,7 @@ def cross_validate(
     seed: int,
     out_dir: str | Path,
     refinement: Refinement | None = None,
+    site: Site = HERE,
     report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
     """Train once in each fold, measure on the fold's held-out clips, and write and return `cross_validation.json`.
@@ -74,6 +77,7 @@ def cross_validate(
 
     :param seed: of folds and trainings of stage 1.
     :param refinement: stage 2; None: stage 1 alone.
+    :param site: where the folds are learned.
     :param report: called with the fold's name ("1", or "1, stage 2") and what `pretrain` or `refine` reports.
     :raises InvalidInput: `folds` is not from 2 to the number of clips, a fold has no interaction that lasts a second,
         or `out_dir` holds another study.
@@ -82,17 +86,13 @@ def cross_validate(
     out_dir = Path(out_dir)
     config = replace(config, held_out_clips=[], held_out_fraction=0.0)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
+    learner = _Learner([table for table, _ in parts], config, network, seed, refinement, identity)
+    todo = [number for number in range(1, folds + 1) if not learner.is_finished(out_dir, number)]
+    side_by_side(site, learner.policies, todo, out_dir, report)
     measured: list[dict[str, Measured]] = []
     shares = []
-    for number, (training, interactions) in enumerate(parts, 1):
-        folder = out_dir / f"fold_{number}"
-        once(folder, identity | {"fold": number}, dict)
-        shown = partial(report, f"{number}")
-        train = partial(stage_1.pretrain, training, config, network, seed=seed, out_dir=folder, report=shown)
-        policies = {PRETRAINED: trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, train)}
-        if refinement is not None:
-            start, shown = policies[PRETRAINED], partial(report, f"{number}, stage 2")
-            policies[REFINED] = _refined(training, refinement, start, folder / REFINED, shown)
+    for number, (_, interactions) in enumerate(parts, 1):
+        policies = learner.policies(out_dir, number, report)
         own = {name: measure(PolicyPredictor(weights), interactions) for name, weights in policies.items()}
         measured.append(own)
         result = compare(own, interactions, seed)
@@ -102,6 +102,39 @@ def cross_validate(
     result = compare(errors, together, seed) | {"folds": shares}
     write_json(out_dir / RESULT, result)
     return result
+
+
+@dataclass(frozen=True)
+class _Learner:
+    """The trainings of all folds.
+
+    :ivar tables: training data of each fold.
+    """
+
+    tables: Sequence[pl.DataFrame]
+    config: PretrainConfig
+    network: NetworkConfig
+    seed: int
+    refinement: Refinement | None
+    identity: Mapping[str, Any]
+
+    def policies(self, out_dir: Path, number: int, report: StudyReport = lambda *_: None) -> dict[str, Weights]:
+        """Return the weights of a fold, learned in its folder unless they are there."""
+        folder, table = out_dir / f"fold_{number}", self.tables[number - 1]
+        once(folder, {**self.identity, "fold": number}, dict)
+        train = partial(stage_1.pretrain, table, self.config, self.network, seed=self.seed, out_dir=folder)
+        train = partial(train, report=partial(report, f"{number}"))
+        policies = {PRETRAINED: trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, train)}
+        if self.refinement is not None:
+            start, shown = policies[PRETRAINED], partial(report, f"{number}, stage 2")
+            policies[REFINED] = _refined(table, self.refinement, start, folder / REFINED, shown)
+        return policies
+
+    def is_finished(self, out_dir: Path, number: int) -> bool:
+        """Return whether the weights of a fold are in its folder."""
+        folder, stage = (out_dir / f"fold_{number}", stage_1) if self.refinement is None else (
+            out_dir / f"fold_{number}" / REFINED, stage_2)  # fmt: skip
+        return (folder / stage.WEIGHTS).exists() and not (folder / stage.CHECKPOINT).exists()
 
 
 def _refined(training: pl.DataFrame, refinement: Refinement, start: Weights, folder: Path, report: Report) -> Weights:

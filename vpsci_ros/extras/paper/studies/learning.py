@@ -4,8 +4,8 @@ Each configuration of a study learns in a folder of its own. A study that was st
 one that is repeated with more configurations runs only those.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5
-from vpsci_ros.extras.paper.studies.state import StudyReport, once, trained
+from vpsci_ros.extras.paper.studies.networks import Report
+from vpsci_ros.extras.paper.studies.state import StudyReport, is_made, once, side_by_side, trained
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
@@ -31,6 +32,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, resolved
 from vpsci_ros.runs.files import atomic_write
+from vpsci_ros.runs.workers import HERE, Site
 from vpsci_ros.world.observation import AGENTS
 
 SAMPLE_SIZES = tuple(TABLE_3)
@@ -48,6 +50,7 @@ def sample_size_study(
     sizes: Sequence[int] = SAMPLE_SIZES,
     seed: int,
     out_dir: str | Path,
+    site: Site = HERE,
     report: StudyReport = lambda *_: None,
 ) -> pl.DataFrame:
     """Train stage 1 on subsets of the near misses (Table 3); return and write `table_3.csv`, the control as last row.
@@ -61,6 +64,7 @@ def sample_size_study(
     [m] of both protocols, and `..._held_out_reward`: (14)-(15) summed over the critical steps of an interaction, with
     the deviations of the whole table, so that sizes compare. Rewards in training use those of the subset.
 
+    :param site: where the sizes are learned.
     :param report: called with the configuration's name (the size) and what `pretrain` reports.
     :raises InvalidInput: a size is not from 2 to the number of interactions, or `out_dir` holds another study.
     """
@@ -78,26 +82,51 @@ def sample_size_study(
     rewards = partial(_held_out_rewards, deviation, config.rewards.speed_scaling)
     held_out = HeldOut(kept_out) if kept_out.height else None
     out_dir = Path(out_dir)
-    identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses)}
-
-    def row(size: int) -> dict[str, Any]:
-        subset = near_misses.filter(pl.col("interaction").is_in(order[:size].tolist()))
-        folder, shown = out_dir / f"{size}", partial(report, f"{size}")
-        train = partial(stage_1.pretrain, subset, config, network, seed=seed, out_dir=folder, report=shown)
-        weights = trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, train)
-        log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * config.episodes)))
-        names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
-        values: dict[str, Any] = {name: log[name].mean() for name in names}
-        if held_out is None or size > pool["interaction"].n_unique():
-            return values
-        return values | held_out.errors(weights) | rewards(PolicyPredictor(weights), held_out.interactions)
-
-    rows = [{"interactions": f"{n}"} | once(out_dir / f"{n}", identity, partial(row, n)) for n in sizes]
+    learner = _Sizes(near_misses, order, pool["interaction"].n_unique(), config, network, seed, held_out, rewards)
+    side_by_side(site, learner.row, [n for n in sizes if not is_made(out_dir / f"{n}")], out_dir, report)
+    rows = [{"interactions": f"{n}"} | learner.row(out_dir, n, report) for n in sizes]
     if held_out is not None:
         control = held_out.control | rewards(RepeatVelocity(), held_out.interactions)
         rows.append({"interactions": REPEATED} | control)
         rows.append({"interactions": FADING} | held_out.fading)
     return _written(rows, out_dir / "table_3.csv")
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """The trainings of Table 3.
+
+    :ivar order: numbers of the interactions, of which a size takes the first ones.
+    :ivar most: interactions that are not held out.
+    :ivar rewards: returns the rewards of a model on held-out interactions.
+    """
+
+    near_misses: pl.DataFrame
+    order: NDArray[np.int64]
+    most: int
+    config: PretrainConfig
+    network: NetworkConfig
+    seed: int
+    held_out: HeldOut | None
+    rewards: Callable[[Predictor, Interactions], dict[str, float]]
+
+    def row(self, out_dir: Path, size: int, report: StudyReport = lambda *_: None) -> dict[str, Any]:
+        """Return the row of a size, learned in its folder unless it is there."""
+        identity = resolved(self.config, self.network) | {"seed": self.seed, "data": table_hash(self.near_misses)}
+        folder = out_dir / f"{size}"
+        return once(folder, identity, partial(self._made, folder, size, partial(report, f"{size}")))
+
+    def _made(self, folder: Path, size: int, report: Report) -> dict[str, Any]:
+        subset = self.near_misses.filter(pl.col("interaction").is_in(self.order[:size].tolist()))
+        train = partial(stage_1.pretrain, subset, self.config, self.network, seed=self.seed, out_dir=folder)
+        weights = trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, partial(train, report=report))
+        log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * self.config.episodes)))
+        names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
+        values: dict[str, Any] = {name: log[name].mean() for name in names}
+        if self.held_out is None or size > self.most:
+            return values
+        held_out = self.held_out
+        return values | held_out.errors(weights) | self.rewards(PolicyPredictor(weights), held_out.interactions)
 
 
 def reward_weight_study(
@@ -111,6 +140,7 @@ def reward_weight_study(
     fresh_seed: int,
     out_dir: str | Path,
     weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
+    site: Site = HERE,
     report: StudyReport = lambda *_: None,
 ) -> pl.DataFrame:
     """Run stage 2 under each weighting of its rewards (Table 5); return and write `table_5.csv`.
@@ -123,6 +153,7 @@ def reward_weight_study(
     :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
     :param simulation, learner_seed: as for `refine`.
     :param fresh, fresh_seed: other episodes, by another seed: the rates are measured on them, without exploration.
+    :param site: where the weightings are learned.
     :param report: called with the weighting's name and what `refine` reports.
     :raises InvalidInput: `fresh_seed` is the seed of training, or `out_dir` holds another study.
     """
@@ -131,25 +162,10 @@ def reward_weight_study(
     out_dir = Path(out_dir)
     resting = {a: replace(c, explore=False, seed=fresh_seed) for a, c in simulation.policies.items()}
     measuring = replace(simulation, episodes=fresh, seed=fresh_seed, policies=resting)
-    identity = {"weights": weights.digest(), "data": table_hash(near_misses), "learner_seed": learner_seed}
-    identity |= {"simulation": simulation.identity(), "fresh": measuring.identity()}
-
-    def measured(model: Weights | None) -> dict[str, Any]:
-        return dict(rates_with_intervals(measure_outcomes(model, measuring)))
-
-    def row(name: str, chosen: RefineConfig) -> dict[str, Any]:
-        folder = out_dir / name
-        refine = partial(online.refine, near_misses, chosen, weights, simulation, learner_seed=learner_seed)
-        refined = trained(folder, WEIGHTS, CHECKPOINT, partial(refine, out_dir=folder, report=partial(report, name)))
-        last = pl.read_csv(folder / online.LOG).row(-1, named=True)
-        learned = {k: v for k, v in last.items() if "_w_" in k or k in ("updates", "refreshes")}
-        return measured(refined) | refined.facts["held_out"]["errors"] | learned
-
-    rows = []
-    for name, values in weightings.items():
-        chosen = replace(config, rewards=replace(config.rewards, weights=list(values)))
-        done = once(out_dir / name, identity | resolved(chosen), partial(row, name, chosen))
-        rows.append({"weights": name} | done)
+    learner = _Weightings(near_misses, config, weights, simulation, learner_seed, measuring, weightings)
+    identity, measured = learner.identity(), learner.measured
+    side_by_side(site, learner.row, [name for name in weightings if not is_made(out_dir / name)], out_dir, report)
+    rows = [{"weights": name} | learner.row(out_dir, name, report) for name in weightings]
     errors = Refiner(config, weights, near_misses, seed=learner_seed).averaged().facts["held_out"]
     for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
         done = once(out_dir / name, identity, partial(measured, model))
@@ -157,6 +173,46 @@ def reward_weight_study(
     _, held_out = split_as_before(near_misses, weights, config.held_out_fraction, learner_seed)
     rows.append({"weights": FADING} | HeldOut(held_out).fading)
     return _written(rows, out_dir / "table_5.csv")
+
+
+@dataclass(frozen=True)
+class _Weightings:
+    """The trainings of Table 5; see `reward_weight_study` for the fields.
+
+    :ivar measuring: the fresh episodes.
+    """
+
+    near_misses: pl.DataFrame
+    config: RefineConfig
+    weights: Weights
+    simulation: SimulationConfig
+    learner_seed: int
+    measuring: SimulationConfig
+    weightings: Mapping[str, Sequence[float]]
+
+    def identity(self) -> dict[str, Any]:
+        """Return what every row depends on, as JSON values."""
+        data = {"weights": self.weights.digest(), "data": table_hash(self.near_misses)}
+        of = {"learner_seed": self.learner_seed, "simulation": self.simulation.identity()}
+        return data | of | {"fresh": self.measuring.identity()}
+
+    def measured(self, model: Weights | None) -> dict[str, Any]:
+        """Return the rates of a model on the fresh episodes."""
+        return dict(rates_with_intervals(measure_outcomes(model, self.measuring)))
+
+    def row(self, out_dir: Path, name: str, report: StudyReport = lambda *_: None) -> dict[str, Any]:
+        """Return the row of a weighting, learned in its folder unless it is there."""
+        chosen = replace(self.config, rewards=replace(self.config.rewards, weights=list(self.weightings[name])))
+        make = partial(self._made, out_dir / name, chosen, partial(report, name))
+        return once(out_dir / name, self.identity() | resolved(chosen), make)
+
+    def _made(self, folder: Path, chosen: RefineConfig, report: Report) -> dict[str, Any]:
+        refine = partial(online.refine, self.near_misses, chosen, self.weights, self.simulation)
+        refine = partial(refine, learner_seed=self.learner_seed, out_dir=folder, report=report)
+        refined = trained(folder, WEIGHTS, CHECKPOINT, refine)
+        last = pl.read_csv(folder / online.LOG).row(-1, named=True)
+        learned = {k: v for k, v in last.items() if "_w_" in k or k in ("updates", "refreshes")}
+        return self.measured(refined) | refined.facts["held_out"]["errors"] | learned
 
 
 def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:

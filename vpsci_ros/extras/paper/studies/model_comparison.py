@@ -5,7 +5,7 @@ reinforcement as `vpsci refine` trains them, the others on simulated interaction
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from vpsci_ros.extras.paper.studies.cross_validation import GUARD
 from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, shares_of_ends
 from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train
-from vpsci_ros.extras.paper.studies.state import StudyReport, once
+from vpsci_ros.extras.paper.studies.state import StudyReport, once, side_by_side
 from vpsci_ros.extras.paper.studies.trials import try_steps, with_steps
 from vpsci_ros.learning import online
 from vpsci_ros.learning import refine as stage_2
@@ -29,8 +29,9 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights
 from vpsci_ros.runs.files import write_json
+from vpsci_ros.runs.workers import HERE, Site
 
-RESULT, WEIGHTS, REFINED = "models.json", "weights.safetensors", "_refined"
+RESULT, WEIGHTS, REFINED, DONE = "models.json", "weights.safetensors", "_refined", "done"
 
 
 def compare_models(
@@ -45,6 +46,7 @@ def compare_models(
     seeds: int = 1,
     hybrid: Hybrid | None = None,
     factors: Sequence[float] = (),
+    site: Site = HERE,
     report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
     """Train each model `seeds` times in each fold, measure on its held-out clips; write and return `models.json`.
@@ -62,6 +64,7 @@ def compare_models(
     :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
     :param hybrid: None: data-driven learning alone.
     :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
+    :param site: where the models are learned: each in each fold, with all its seeds, by one worker.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; or
         `out_dir` holds another study.
@@ -76,26 +79,20 @@ def compare_models(
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     data_driven: dict[str, Pooled] = {}
     refined: dict[str, Pooled] = {}
-    trainings = [(name, s) for name in models for s in range(seeds)]
     trials: dict[str, list[dict[str, Any]]] = {name: [] for name in models}
-    for number, (training, held_out) in enumerate(parts, 1):
-        for place, (name, s) in enumerate(trainings):
-            own = config
-            folder = out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
-            report_model = partial(_pass_on, report, f"{number}", place, len(trainings))
-            if factors and s == 0:
-                of = identity | resolved(own) | {"fold": number, "model": name, "factors": list(factors)}
-                begin = partial(report_model, {"episode": 0, "episodes": own.episodes})  # a trial shows nothing else
-                make = partial(try_steps, name, training, own, network, seed, factors, begin)
-                trials[name].append(once(folder / "trials", of, make))
-            if factors:
-                own = with_steps(own, trials[name][-1]["factor"])
-            of = identity | {"fold": number, "model": name} | resolved(own) | {"training_seed": seed + s}
-            run = _Run(name, training, own, network, seed + s, folder, of)
-            path = run.data_driven(report_model)
+    tables = [training for training, _ in parts]
+    learner = _Learner(tables, config, network, models, seeds, seed, hybrid, factors, identity)
+    pairs = [(number, name) for number in range(1, folds + 1) for name in models]
+    todo = [pair for pair in pairs if not (_folder(out_dir, *pair, seeds - 1) / DONE).exists()]
+    side_by_side(site, learner.learn, todo, out_dir, report)
+    for number, name in pairs:
+        held_out = parts[number - 1][1]
+        trial, learned = learner.learn(out_dir, (number, name), report)
+        trials[name] += trial
+        for s, (path, gone_on) in enumerate(learned):
             measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
-            if hybrid is not None:
-                measuring.add(refined.setdefault(name + REFINED, Pooled()), run.hybrid(hybrid), held_out, s, hybrid)
+            if gone_on is not None:
+                measuring.add(refined.setdefault(name + REFINED, Pooled()), gone_on, held_out, s, hybrid)
     result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
     if factors:
         for name in models:
@@ -104,6 +101,54 @@ def compare_models(
         result["models"]["constant_velocity"]["world"] = shares_of_ends([hybrid.ends(None)])
     write_json(out_dir / RESULT, result)
     return result
+
+
+def _folder(out_dir: Path, number: int, name: str, s: int) -> Path:
+    return out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
+
+
+@dataclass(frozen=True)
+class _Learner:
+    """The trainings of all models in all folds; see `compare_models` for the fields.
+
+    :ivar tables: training data of each fold.
+    """
+
+    tables: Sequence[pl.DataFrame]
+    config: PretrainConfig
+    network: NetworkConfig
+    models: Sequence[str]
+    seeds: int
+    seed: int
+    hybrid: Hybrid | None
+    factors: Sequence[float]
+    identity: Mapping[str, Any]
+
+    def learn(
+        self, out_dir: Path, pair: tuple[int, str], report: StudyReport = lambda *_: None
+    ) -> tuple[list[dict[str, Any]], list[tuple[Path, Path | None]]]:
+        """Return a model's trial in a fold, if there is one, and by seed its weights, data-driven and hybrid.
+
+        :param pair: number of the fold, name of the model.
+        """
+        (number, name), own, trial = pair, self.config, list[dict[str, Any]]()
+        table, found = self.tables[number - 1], list[tuple[Path, Path | None]]()
+        for s in range(self.seeds):
+            folder = _folder(out_dir, number, name, s)
+            place = self.models.index(name) * self.seeds + s
+            report_model = partial(_pass_on, report, f"{number}", place, len(self.models) * self.seeds)
+            if self.factors and s == 0:
+                of = {**self.identity, **resolved(own), "fold": number, "model": name, "factors": list(self.factors)}
+                begin = partial(report_model, {"episode": 0, "episodes": own.episodes})  # a trial shows nothing else
+                make = partial(try_steps, name, table, own, self.network, self.seed, self.factors, begin)
+                trial.append(once(folder / "trials", of, make))
+                own = with_steps(own, trial[0]["factor"])
+            of = {**self.identity, "fold": number, "model": name, **resolved(own), "training_seed": self.seed + s}
+            run = _Run(name, table, own, self.network, self.seed + s, folder, of)
+            path = run.data_driven(report_model)
+            found.append((path, None if self.hybrid is None else run.hybrid(self.hybrid)))
+            (folder / DONE).touch()
+        return trial, found
 
 
 def _pass_on(report: StudyReport, fold: str, place: int, models: int, values: dict[str, float]) -> None:

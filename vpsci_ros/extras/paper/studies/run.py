@@ -40,11 +40,14 @@ from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import StageBar
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
+from vpsci_ros.runs.workers import HERE, Site, mixed
 
 FRESH_SEED = 1000  # of the episodes in which models are measured
 
 
-def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
+def run_sample_study(
+    sections: Sections, folder: Path, sizes: Sequence[int], *, site: Site = HERE, quiet: bool = False
+) -> None:
     """Run `sample_size_study` (Table 3) in `folder`; resume a stopped study.
 
     :param sizes: interactions to learn from; none: the paper's.
@@ -53,11 +56,11 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     """
     sizes = sizes or SAMPLE_SIZES
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
-    facts = {"study": {"sizes": list(sizes)}}
+    facts = {"study": {"sizes": list(sizes)}} | mixed(site)
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
         with _shown("samples", "{} interactions", quiet) as report:
             table = sample_size_study(
-                corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, report=report
+                corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, site=site, report=report
             )
         run.results["table_3"] = table.to_dicts()
         save_table_3(table, folder / "table_3.png")
@@ -66,7 +69,13 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
 
 
 def run_fold_study(
-    sections: Sections, folder: Path, folds: int, *, stage_2: Sections | None = None, quiet: bool = False
+    sections: Sections,
+    folder: Path,
+    folds: int,
+    *,
+    stage_2: Sections | None = None,
+    site: Site = HERE,
+    quiet: bool = False,
 ) -> None:
     """Run `cross_validate` of stage 1, or of stages 1 and 2; resume a stopped study.
 
@@ -80,7 +89,9 @@ def run_fold_study(
     if stage_2 is not None:
         their_learner, refine, simulation = stage_2_parameters(stage_2)
         refinement = Refinement(refine, simulation, their_learner.seed)
-    facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
+    facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})} | mixed(
+        site
+    )
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
         with _shown("folds", f"of {folds} folds: {{}}", quiet) as report:
             result = cross_validate(
@@ -91,6 +102,7 @@ def run_fold_study(
                 seed=learner.seed,
                 out_dir=folder,
                 refinement=refinement,
+                site=site,
                 report=report,
             )
         run.results |= result
@@ -138,6 +150,7 @@ def run_model_study(
     refine: Sections | None,
     simulated: Path | None,
     fresh_episodes: int,
+    site: Site = HERE,
     quiet: bool = False,
 ) -> None:
     """Run `compare_models` (Table 9) in `folder`; resume a stopped study.
@@ -162,7 +175,7 @@ def run_model_study(
         assert simulated is not None
         facts |= {"hybrid": hybrid.identity(), "fresh_episodes": fresh_episodes, "fresh_seed": hybrid.seed}
         files = [*files, simulated]
-    with RunFolder(folder, resolved, files, {"study": facts}) as run:
+    with RunFolder(folder, resolved, files, {"study": facts} | mixed(site)) as run:
         with _shown("models", f"fold {{}} of {folds}", quiet) as report:
             result = compare_models(
                 corpus,
@@ -175,6 +188,7 @@ def run_model_study(
                 seeds=seeds,
                 hybrid=hybrid,
                 factors=factors,
+                site=site,
                 report=report,
             )
         run.results |= result
@@ -206,6 +220,7 @@ def run_weight_study(
     *,
     fresh_episodes: int,
     fresh_seed: int,
+    site: Site = HERE,
     quiet: bool = False,
 ) -> None:
     """Run `reward_weight_study` (Table 5) in `folder`; resume a stopped study.
@@ -219,7 +234,9 @@ def run_weight_study(
         if name not in WEIGHTINGS:
             raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")
     learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
-    facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
+    facts = {
+        "study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}
+    } | mixed(site)
     with RunFolder(folder, resolved, files, facts) as record:
         with StageBar("weights", quiet) as bar:
             table = reward_weight_study(
@@ -232,6 +249,7 @@ def run_weight_study(
                 fresh_seed=fresh_seed,
                 out_dir=folder,
                 weightings={name: WEIGHTINGS[name] for name in weightings},
+                site=site,
                 report=lambda name, values: bar.show(values, name),
             )
         record.results["table_5"] = table.to_dicts()
