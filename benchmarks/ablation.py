@@ -1,7 +1,7 @@
 """What each part of stage 2 does: one change at a time, from one stage 1, in two fifths of the budget.
 
     python benchmarks/ablation.py --weights out/weights/pretrain/pretrained.safetensors [-o out/ablation]
-        [--arms base updates_1 ...] [--seeds 2 3 4]
+        [--arms base updates_1 ...] [--seeds 2 3 4] [--workers 4 | --cluster tcp://host:8786]
 
 Stage 2 has 1,200 episodes, from the weights of a whole stage 1. A line for each arm and seed: collisions and both goals
 in the validation world, the mean of its last two measurements (some 170 critical episodes each, on which nothing was
@@ -13,9 +13,12 @@ episodes.
 """
 
 import argparse
+import os
+import sys
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
@@ -23,7 +26,7 @@ from unittest import mock
 import polars as pl
 from torch import Tensor
 
-from vpsci_ros.cli.options import read_sections
+from vpsci_ros.cli.options import read_sections, site_of
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
 from vpsci_ros.learning import maddpg
 from vpsci_ros.learning import refine as stage_2
@@ -34,8 +37,9 @@ from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.workers import Place, computed
 
-PARAMS = Path(__file__).parents[1] / "params"
+PARAMS = Path("stage2_online")  # of the package, wherever it is installed
 SEEDED = ("learner", "world_simulator", "vehicle_policy", "pedestrian_policy")
 EPISODES = 150  # of each scenario
 RATES = ("validation_collision_rate", "validation_goal_rate", "held_out_closed_loop_ade")
@@ -100,7 +104,7 @@ ARMS = {
 def controls(stage_1: Path) -> list[tuple[str, list[float], float]]:
     """Return name, rates (`RATES`) and number of critical episodes of no reaction and of stage 1."""
     settings = [f"learner.weights={stage_1}", f"world_simulator.episodes={EPISODES}"]
-    _, _, simulation, *_ = stage_2_inputs(read_sections(PARAMS / "stage2_online.yaml", settings))
+    _, _, simulation, *_ = stage_2_inputs(read_sections(PARAMS, settings))
     rows, weights = [], load_weights(stage_1)
     for name, policy, errors in (("no reaction", None, "control"), ("stage 1", weights, "errors")):
         rates = validation_rates(simulation, policy) | {
@@ -110,18 +114,23 @@ def controls(stage_1: Path) -> list[tuple[str, list[float], float]]:
     return rows
 
 
-def learned(name: str, seed: int, stage_1: Path, folder: Path) -> pl.DataFrame:
-    """Return the log of an arm, of `folder` or learned into it."""
+def learner(stage_1: Path, place: Place) -> Callable[[tuple[str, int]], None]:
+    """Return a function that learns an arm with a seed, (name, seed), into its folder."""
+    weights = place.path(str(stage_1))
+    return lambda arm: learn(*arm, weights, place.folder / "{}_{}".format(*arm))
+
+
+def learn(name: str, seed: int, stage_1: str, folder: Path) -> None:
+    """Learn an arm into `folder`, unless that is done."""
     arm = ARMS[name]
     if not (folder / "done").exists():
         seeds = [f"{node}.seed={seed}" for node in SEEDED]
         settings = [f"learner.weights={stage_1}", f"world_simulator.episodes={EPISODES}", *seeds, *arm.settings]
-        sections = read_sections(PARAMS / "stage2_online.yaml", settings)
+        sections = read_sections(PARAMS, settings)
         _, config, simulation, weights, corpus, *_ = stage_2_inputs(sections)
         with arm.patch():
             refine(corpus, arm.changed(config), weights, simulation, learner_seed=seed, out_dir=folder)
         (folder / "done").touch()
-    return pl.read_csv(folder / LOG)
 
 
 def main() -> None:
@@ -130,15 +139,26 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out", "ablation"))
     parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[2])
+    parser.add_argument("--workers", type=int, help="trainings side by side")
+    parser.add_argument("--cluster", metavar="ADDRESS", default=os.environ.get("DASK_SCHEDULER_ADDRESS"))
     given = parser.parse_args()
+    stage_1, site = given.weights.absolute(), site_of(given.workers, given.cluster, mixed_cpus=False)
     print(f"stage 1: {sha256(given.weights)[:12]}; {software_versions()}")
     points = []
     print(f"{'arm':>24} seed  collisions  goals  closed-loop ADE [m]  validation episodes")
     for name, rates, counted in controls(given.weights):
         print(line(name, "-", rates, counted), flush=True)
+    arms = [(name, seed) for name in given.arms for seed in given.seeds]
+    todo = [arm for arm in arms if not (given.output / "{}_{}".format(*arm) / "done").exists()]
+    if todo:
+        waiting, most = iter(todo), len(todo)
+        workers = site.start(partial(learner, stage_1), given.output, most=most, reads=lambda: [stage_1])
+        with closing(workers):
+            for number, (arm, _) in enumerate(computed(workers, lambda: next(waiting, None), ahead=False), 1):
+                print(f"learned {arm}, {number} of {most} {site.hosts()}", file=sys.stderr, flush=True)
     for name in given.arms:
         for seed in given.seeds:
-            log = learned(name, seed, given.weights, given.output / f"{name}_{seed}")
+            log = pl.read_csv(given.output / f"{name}_{seed}" / LOG)
             last = log.filter(pl.col("validation_collision_rate").is_not_null()).tail(LAST)
             rates = last.select(RATES).mean().row(0)
             print(line(name, seed, rates, last["validation_critical_episodes"].sum()), flush=True)

@@ -38,8 +38,9 @@ class LocalCluster:
             time.sleep(0.05)
 
     def add_worker(self, *words: str, cwd: Path | None = None, within: Sequence[str] = (), **environment: str) -> None:
-        """Start a worker of one thread, without a process that restarts it."""
-        words = ("--scheduler-file", str(self.file), "--local-directory", str(self._folder), "--no-nanny", *words)
+        """Start a worker of one thread; without `--nanny` nothing restarts it."""
+        given = () if "--nanny" in words else ("--no-nanny",)
+        words = ("--scheduler-file", str(self.file), "--local-directory", str(self._folder), *given, *words)
         self.workers.append(self._process("worker", [*WORKER, *words], within, cwd, environment))
 
     def _process(
@@ -53,6 +54,18 @@ class LocalCluster:
     def kill(self, number: int) -> None:
         """Kill a worker as a crash does."""
         self.workers[number].signal(signal.SIGKILL)
+
+    def restarted(self) -> list[int]:
+        """Return the processes that nannies have started and would start again."""
+        nannies = {worker.pid for worker in self.workers}
+        found = []
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):
+                words = path.read_text().rpartition(")")[2].split()
+                command = path.with_name("cmdline").read_bytes()
+                if int(words[1]) in nannies and b"spawn_main" in command:
+                    found.append(int(path.parent.name))
+        return found
 
     def children(self) -> list[str]:
         """Return the processes that compute units of this cluster's workers."""

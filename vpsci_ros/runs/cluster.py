@@ -84,7 +84,9 @@ def _connected(address: str) -> "Client":
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it reports is said here, in words
     given = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:
-        return Client(**given, timeout=_ANSWERS, set_as_default=False, name="vpsci")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Mismatched versions")  # asked for by name
+            return Client(**given, timeout=_ANSWERS, set_as_default=False, name="vpsci", direct_to_workers=True)
     except (OSError, TimeoutError, ValueError) as error:
         raise VpsciError(
             f"--cluster {address}: no scheduler answers ({str(error) or type(error).__name__}); start one by `dask "
@@ -192,16 +194,15 @@ class ClusterWorkers(Generic[Unit, Result]):
         self._running.remove(task)
         if isinstance(answer, Exception):
             raise answer
-        said, data = answer
-        if said == "done":
-            result, files = pickle.loads(data)
+        if isinstance(answer, bytes):
+            result, files = pickle.loads(answer)
             if isinstance(result, Exception):
                 raise result
             self._write(files)
             return [(task.unit, result)]
-        if said == "gone":
-            self._leave(task.worker)
-        self._again(task, f"its process {data.decode()}" if said == "died" else "")
+        if not answer:
+            self._leave(task.worker)  # and ask it again
+        self._again(task, f"its process {answer}" if answer else "")
         return []
 
     def _write(self, files: Iterable[tuple[str, bytes]]) -> None:

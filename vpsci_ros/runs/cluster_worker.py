@@ -187,16 +187,17 @@ def enlist(name: str, order: bytes) -> tuple[str, str, int, str]:
     return socket.gethostname(), worker.ip, worker.state.nthreads, child.refused
 
 
-def compute(name: str, unit: bytes) -> tuple[str, bytes]:
+def compute(name: str, unit: bytes) -> bytes | str:
     """Task: compute a unit.
 
-    :return: "done" and the pickled result; "died" and how; or "gone": this worker knows no order of that name.
+    :return: the pickled result, which Dask does not copy; or in words how the process died, and "" where this worker
+        knows no order of that name.
     """
     from distributed import get_worker
 
     crew, worker = _CREWS.get(name), get_worker()
     if crew is None:
-        return "gone", b""
+        return ""
     key = worker.get_current_task()
 
     def wanted() -> bool:
@@ -207,9 +208,9 @@ def compute(name: str, unit: bytes) -> tuple[str, bytes]:
     result = None
     try:
         result = None if child.refused else child.compute(unit, wanted)
-        return ("gone", b"") if result is None else ("done", result)
+        return "" if result is None else result
     except (EOFError, OSError):
-        return "died", child.end().encode()
+        return child.end()
     finally:
         crew.discard(child) if result is None else crew.give_back(child)
 
