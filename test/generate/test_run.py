@@ -141,6 +141,15 @@ def test_parts_of_other_units_and_runs_and_other_files_are_named_and_not_used(
         assert f"{name} is damaged or no part of this run" in said
 
 
+def test_files_read_together_join_the_index_and_no_two_agents_share_an_id(made) -> None:
+    rows = pl.read_parquet(made / "Location*.parquet")
+    kept = Dataset(made).index().filter(pl.col("reason") == "kept")
+    joined = rows.join(kept, on=["scenario", "count"], suffix="_index")
+    assert joined.height == rows.height == kept["frames"].sum()
+    ids = set(rows["veh_id"].unique()) | set(rows["ped_id"].unique())
+    assert len(ids) == 2 * kept.height
+
+
 def test_a_finished_dataset_is_extended_to_the_bytes_of_a_larger_one(job, make, made, tmp_path) -> None:
     folder, fewer = tmp_path / "d", dict.fromkeys(TARGETS, 7)
     start = partial(part_writers, job, 40, ThisMachine())

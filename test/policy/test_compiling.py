@@ -35,7 +35,7 @@ for policy in ("people", "ma_sst_ddpg"):
     world = World(WorldConfig(), load_scenarios([1]), [(1, number) for number in range(4)], 4, 0)
     loop, frames = Loop(world, agents=policies(load_policy(policy), world)), EpisodeFrames(4, 601)
     for step in loop:
-        frames.store(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+        frames.store(step)
         ticks += step.actions.vehicle is not None and step.actions.vehicle.any()
     apply_filters(frames.take(), FilterConfig())
 print(json.dumps([beforehand, called(), int(ticks)]))
