@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode import QUANTITIES
+from vpsci_ros.data.episode import QUANTITIES, filled, headings
 from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.data.importers import ImportResult
 from vpsci_ros.data.importers.pairs import near_misses_of
@@ -203,7 +203,7 @@ def block_of_pairs(values: np.ndarray, scenario: int = 1) -> EpisodeBlock:
     """
     if values.shape[2] < len(QUANTITIES):
         vx, vy = values[..., 2], values[..., 3]
-        more = [np.arctan2(vy, vx), np.hypot(vx, vy), 0.0 * vx, 0.0 * vx, np.ones_like(vx)]
+        more = [headings(filled(vx), filled(vy)), np.hypot(vx, vy), 0.0 * vx, 0.0 * vx, np.ones_like(vx)]
         values = np.concatenate([values, np.stack(more, axis=-1)], axis=-1).astype(np.float32)
     records = np.zeros(len(values), JUDGED)
     records["scenario"], records["count"], records["outcome"] = scenario, np.arange(len(values)), GOAL
