@@ -1,15 +1,13 @@
 """What each part of stage 2 does: one change at a time, from one stage 1, in two fifths of the budget.
 
     python benchmarks/ablation.py --weights out/weights/pretrain/pretrained.safetensors [-o out/ablation]
-        [--arms base updates_1 ...] [--seeds 2 3 4] [--workers 4 | --cluster tcp://host:8786]
+        [--arms base no_hand_back ...] [--seeds 2 3 4] [--workers 4 | --cluster tcp://host:8786]
 
-Stage 2 has 1,200 episodes, from the weights of a whole stage 1. A line for each arm and seed: collisions and both goals
-in the validation world, the mean of its last two measurements (some 170 critical episodes each, on which nothing was
-chosen), and the closed-loop ADE on held-out clips. The first two lines are controls: agents without any reaction (for
-the error: with the last velocity repeated), and the weights of stage 1. Take several seeds: three of `base` differ by a
-factor of two in collisions. `front.png` shows all arms. An arm that the output folder holds is not repeated. Some
-fifteen minutes of a core for each arm and seed; networks 64 wide with one layer take three, and hardly learn in so few
-episodes.
+Stage 2 has 1,200 episodes, from the weights of a whole stage 1. A line for each arm and seed: collisions and goals on
+the road in the validation world, the mean of its last two measurements (some 340 critical episodes each, on which
+nothing was chosen), and the closed-loop ADE on held-out clips. The first two lines are controls: agents without any
+reaction (for the error: with the last velocity repeated), and the weights of stage 1. `front.png` shows all arms. An
+arm that the output folder holds is not repeated. Some five minutes of a core for each arm and seed.
 """
 
 import argparse
@@ -24,15 +22,12 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import polars as pl
-from torch import Tensor
 
 from vpsci_ros.cli.options import read_sections, site_of
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
-from vpsci_ros.learning import maddpg
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.online import LOG, refine, validation_rates
-from vpsci_ros.policy.actor import InwardClamp
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import sha256
@@ -63,41 +58,22 @@ def _learner(**values: Any) -> Arm:
     return Arm(lambda config: replace(config, **values))
 
 
-def _updates(**values: Any) -> Arm:
-    return Arm(lambda config: replace(config, updates=replace(config.updates, **values)))
-
-
-def _rewards(**values: Any) -> Arm:
-    return Arm(lambda config: replace(config, rewards=replace(config.rewards, **values)))
-
-
-def _plain_clamp() -> AbstractContextManager[Any]:
-    """Return a context in which outputs beyond the limit get no gradient."""
-
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
-        (out,) = ctx.saved_tensors
-        return gradient * (out.abs() <= ctx.limit), None
-
-    return mock.patch.object(InwardClamp, "backward", staticmethod(backward))
+def _rolled(**values: Any) -> Arm:
+    return Arm(lambda config: replace(config, closed_loop=replace(config.closed_loop, **values)))
 
 
 ARMS = {
     "base": Arm(),
-    **{f"updates_{n}": _learner(updates_per_episode=n, refresh_every=50 * n) for n in (1, 3, 6)},
-    "one_critic": _updates(critics=1),
-    "no_target_noise": _updates(target_noise=0.0),
-    **{f"imitation_{weight:g}": _learner(imitation=weight) for weight in (0.0, 0.3, 1.0, 10.0)},
-    **{f"factor_{factor:g}": _rewards(speed_scaling=factor) for factor in (1.0, 10.0, 25.0)},
-    "lambda_1e-4": _rewards(weight_temperature=1e-4),
-    "paper_spawn": Arm(settings=("world_simulator.spawn=paper",)),
-    "ten_seconds": Arm(settings=("world_simulator.episode_time=10",)),
-    "noise_0.3": Arm(settings=("vehicle_policy.noise.start=0.06", "pedestrian_policy.noise.start=0.06")),
-    "undivided_by_value": Arm(patch=lambda: mock.patch.object(maddpg, "LEAST_VALUE", 1.0)),
-    "plain_clamp": Arm(patch=_plain_clamp),
-    "actor_step_5e-5": _updates(actor_learning_rate=5e-5),
-    "buffer_10000": Arm(patch=lambda: mock.patch.object(stage_2, "CAPACITY", 10_000)),
+    "ddpg": _learner(objective="ddpg"),
+    **{f"policy_gradient_{weight:g}": _rolled(policy_gradient=weight) for weight in (0.1, 1.0)},
+    "no_hand_back": _rolled(beyond=0),
+    "no_imitation": _rolled(weight=0.2, most_weight=0.2),
+    **{f"limit_{limit:g}": _rolled(limit=limit) for limit in (0.24, 0.3)},
+    **{f"steps_{steps}": _rolled(steps=steps) for steps in (25, 60)},
+    "late_0": _rolled(late=0.0),
+    "lane_0": _rolled(lane=0.0),
+    **{f"updates_{each:g}": _learner(updates_per_episode=each) for each in (0.1, 0.5)},
     "last_actors": Arm(patch=lambda: mock.patch.object(stage_2, "MEAN_REFRESHES", 1)),
-    "gradient_at_all_steps": Arm(lambda config: replace(config, imitation=None)),  # type: ignore[arg-type]
 }
 
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env python
-"""Learn `ma_sst_ddpg`: stages 1 and 2 of the paper's algorithm on its whole budget, right turns of part train.
+"""Learn `ma_sst_ddpg`: stages 1 and 2, right turns of part train.
 
-    tools/make_weights.py [-o out/weights] [--seed 1] [--refine-seed 4] [--install]
+    tools/make_weights.py [-o out/weights] [--seed 4] [--install]
 
-A run that is stopped goes on with the same command. `--seed` is that of stage 1, `--refine-seed` that of learner, world
-and policies in stage 2; the defaults are those of the shipped weights. `--install` puts the weights that were best in
-the validation world of stage 2 (`vpsci_ros.learning.online`) beside the package's others.
+A run that is stopped goes on with the same command. `--seed` is that of stage 1, and of learner, world and policies in
+stage 2; the default is that of the shipped weights. `--install` puts the weights that were best in the validation world
+of stage 2 (`vpsci_ros.learning.online`) beside the package's others. Some ten minutes of one core.
 """
 
 import argparse
@@ -25,12 +25,11 @@ def main() -> int:
     """Make the weights; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out", "weights"))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--refine-seed", type=int, default=4)
+    parser.add_argument("--seed", type=int, default=4)
     parser.add_argument("--install", action="store_true", help="copy the weights into the package")
     given = parser.parse_args()
     pretrained, refined = (given.output / name for name in ("pretrain", "refine"))
-    second = [f"{node}.seed={given.refine_seed}" for node in NODES]
+    second = [f"{node}.seed={given.seed}" for node in NODES]
     try:
         learn("pretrain", "stage1_pretrain", pretrained, [f"learner.seed={given.seed}"])
         start = f"learner.weights={pretrained / 'pretrained.safetensors'}"

@@ -24,8 +24,8 @@ def refused(path: Path, settings: tuple[str, ...] = ()) -> str:
 
 
 def test_a_parameter_of_the_other_stage_is_refused_and_the_stage_that_reads_it_named(tmp_path: Path) -> None:
-    text = refused(written(tmp_path, learner={"stage": "refine", "episodes": 3000, "held_out_fraction": 0.5}))
-    for name in ("episodes", "held_out_fraction"):
+    text = refused(written(tmp_path, learner={"stage": "refine", "episodes": 3000, "held_out_clips": ["a/b"]}))
+    for name in ("episodes", "held_out_clips"):
         expected = f"learner.{name}: nothing reads it in stage 2 (learner.stage: refine), but in stage 1"
         assert expected in text
     text = refused(written(tmp_path, learner={"episodes": 3}, world_simulator={"batch": 8}))

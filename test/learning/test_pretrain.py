@@ -6,6 +6,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.learning.config import PretrainConfig, ReplayConfig, SpeedRewardsConfig
 from vpsci_ros.learning.divergence import DivergedError
 from vpsci_ros.learning.pretrain import pretrain
@@ -13,9 +14,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 
 SMALL = NetworkConfig(hidden=16, heads=2)
-SHORT = PretrainConfig(
-    episodes=6, evaluate_every=3, checkpoint_every=2, held_out_fraction=0.3, replay=ReplayConfig(batch_size=40)
-)
+SHORT = PretrainConfig(episodes=6, evaluate_every=3, checkpoint_every=2, replay=ReplayConfig(batch_size=40))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +69,7 @@ def test_weights_and_log_say_how_they_came_about(near_misses, whole):
 
 
 def test_a_loss_that_is_not_a_number_stops_the_run_and_leaves_no_weights(tmp_path, near_misses):
-    config = replace(SHORT, rewards=SpeedRewardsConfig(1e6, exploration=5.0), held_out_fraction=0.0)
+    config = replace(SHORT, rewards=SpeedRewardsConfig(1e6), held_out_clips=[NO_CLIPS])
     table = near_misses.with_columns(
         pl.when(pl.col("step") == 3).then(1e22).otherwise(pl.col("ped_vx")).alias("ped_vx")
     )

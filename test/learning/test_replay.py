@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.learning.replay import WINDOW, History, ReplayBuffer, collate, draw_recorded, recorded_steps
+from vpsci_ros.learning.replay import WINDOW, History, ReplayBuffer, draw_recorded, recorded_histories, recorded_steps
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.road import LANE_POINTS
 
 
 def made(steps, real=False, mark=0.0):
@@ -16,9 +17,13 @@ def made(steps, real=False, mark=0.0):
         filled(steps, 2),
         filled(steps, 2),
         filled(steps, 2),
-        np.ones(steps, bool),
-        True,
-        real,
+        filled(steps, 2),
+        terminal=True,
+        real=real,
+        lane=np.zeros((steps, 2 * LANE_POINTS), np.float32),
+        way=np.zeros((steps, 2), np.float32),
+        wanted=np.zeros(2, np.float32),
+        rules=np.zeros(4, np.float32),
     )
 
 
@@ -50,16 +55,17 @@ def test_new_experience_has_the_highest_priority_so_far():
     assert buffer.histories[0].priority.tolist() == [0.5, 7.0, 0.1]
 
 
-def test_steps_in_which_the_rule_based_pair_drove_are_neither_counted_nor_drawn():
-    history = made(6)
-    history.acting[[1, 2, 3]] = False
-    history.priority = np.array([1.0, 1e9, 1e9, 1e9, 1.0, 1.0])
-    buffer = ReplayBuffer(100, [made(3, real=True)], exponent=1.0, real_bonus=0.0)
-    buffer.append(history)
-    assert buffer.steps == 6
-    first = [buffer.draw(1, np.random.default_rng(seed))[0].real for seed in range(200)]
-    assert 0.3 < np.mean(first) < 0.7, "three steps of weight 1 each"
-    assert collate([history]).present[0].tolist() == history.acting.tolist()
+def test_recorded_histories_begin_at_the_onset_with_the_acceleration_of_the_step_before(near_misses):
+    """As simulated ones begin at the hand-over: a network cannot tell the two by how much of a past they have."""
+    interactions = from_table(near_misses)
+    row = int(np.flatnonzero(interactions.first > 0)[0])
+    first = int(interactions.first[row])
+    before = sum(interactions.length[:row] - 1 > interactions.first[:row])
+    history = recorded_histories(interactions)[before]
+    for agent in AGENTS:
+        assert np.array_equal(history.observation[agent][0], interactions.observation[agent][row, first])
+        assert np.array_equal(history.came[agent][0], interactions.action[agent][row, first - 1])
+    assert len(history) == interactions.length[row] - 1 - first
 
 
 def test_recorded_steps_are_drawn_evenly_from_all_and_each_has_its_own_history(near_misses):

@@ -46,7 +46,7 @@ def experienced(pedestrian_goal_at=None):
 
 
 def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(rewards):
-    (history,) = rewards.histories([experienced()])
+    (history,) = rewards.histories([experienced()], 0.9)
     assert (rewards.components(history)[:, :, 2] < 0.0).all()
     for index, agent in enumerate(AGENTS):
         velocity = history.observation[agent][:-1, :2]
@@ -55,7 +55,7 @@ def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(rewards):
 
 
 def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(rewards):
-    (history,) = rewards.histories([experienced(pedestrian_goal_at=4)])
+    (history,) = rewards.histories([experienced(pedestrian_goal_at=4)], 0.9)
     vehicle, pedestrian = rewards.components(history)
     assert vehicle[:, 0].tolist() == [0.0] * 9 + [-200.0]
     assert vehicle[:, 1].sum() == 0.0
@@ -63,14 +63,21 @@ def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(rewards):
     assert history.terminal
 
 
-def test_what_the_rule_based_pair_does_has_no_speed_reward_and_what_comes_of_it_has(rewards):
-    rows = experienced(pedestrian_goal_at=6)
-    rows["acting"][5:] = 0
-    (history,) = rewards.histories([rows])
-    vehicle, pedestrian = rewards.components(history)
-    assert (vehicle[:5, 2] < 0.0).all()
-    assert not vehicle[5:, 2].any()
-    assert (vehicle[-1, 0], pedestrian[6, 1]) == (-200.0, 100.0)
+def test_each_time_in_control_is_a_history_and_what_comes_of_it_is_discounted_by_the_time_until_then(rewards):
+    """The policies act at steps 0 to 2 and 5 to 6; the walker's goal is reached at step 4, a collision ends step 9."""
+    rows = experienced(pedestrian_goal_at=4)
+    rows["acting"][[3, 4, 7, 8, 9]] = 0
+    first, second = rewards.histories([rows], 0.9)
+    assert (len(first), len(second)) == (3, 2)
+    for history, begin in ((first, 0), (second, 5)):
+        assert np.array_equal(history.observation["vehicle"][-1], rows["vehicle_observation"][begin + len(history)])
+        assert history.terminal, "nothing follows but what was added"
+    (vehicle, pedestrian), (later, _) = rewards.components(first), rewards.components(second)
+    assert vehicle[-1, 0] == pytest.approx(-200.0 * 0.9**7)
+    assert pedestrian[-1, 1] == pytest.approx(100.0 * 0.9**2)
+    assert later[-1, 0] == pytest.approx(-200.0 * 0.9**3)
+    assert not vehicle[:-1, :2].any()
+    assert rewards.events(rows).tolist() == [[-200.0, 0.0], [-200.0, 100.0]]
 
 
 def test_the_successor_of_an_explored_action_is_what_it_leads_to_by_the_kinematics(networks, near_misses):

@@ -10,18 +10,14 @@ from vpsci_ros.world.state import NO_EVENTS
 from vpsci_ros.world.tick import Actions, Step, Tick
 from vpsci_ros.world.transition import TRANSITION
 
+PAPER, SCENARIOS = WorldConfig(spawn="paper", release_time=0.0), load_scenarios([1, 2, 5, 7])
+
 
 @pytest.fixture(scope="module")
 def run():
     """Sixteen episodes under constant braking: all transitions, every tick's state, and what made them."""
-    world = World(
-        WorldConfig(spawn="paper", release_time=0.0),
-        load_scenarios([1, 2, 5, 7]),
-        [(s, e) for e in range(4) for s in (1, 2, 5, 7)],
-        8,
-        3,
-    )
-    builder, made, ticks = TransitionBuilder(), [], []
+    world = World(PAPER, SCENARIOS, [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3)
+    builder, made, ticks = TransitionBuilder(PAPER, SCENARIOS), [], []
     loop, action = Loop(world), np.tile([-1.0, 0.2], (8, 1))
     while not world.done:
         step = loop.step(Actions(vehicle=action, pedestrian=-action))

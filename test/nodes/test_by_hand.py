@@ -123,7 +123,7 @@ def test_a_learner_started_by_hand_writes_where_the_parameter_file_of_stage_two_
     """Both files as they are shipped; the smallest networks, one iteration and a small table make it short."""
     monkeypatch.chdir(tmp_path)
     write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
-    small = {"episodes": 1, "hidden": 8, "layers": 1, "held_out_fraction": 0.0, "near_misses": "[near.parquet]"}
+    small = {"episodes": 1, "hidden": 8, "layers": 1, "held_out_clips": "[none]", "near_misses": "[near.parquet]"}
     words = [word for name, value in small.items() for word in ("-p", f"{name}:={value}")]
     file, context = str(params_dir() / "stage1_pretrain.yaml"), Context()
     rclpy.init(args=["--ros-args", "--params-file", file, *words], context=context)

@@ -1,10 +1,11 @@
-"""One history an episode, from its first hand-over to its end: the same where a policy acts and where it is learned."""
+"""A history from each hand-over to its hand-back: the same where a policy acts and where it is learned."""
 
 import numpy as np
 import pytest
 import torch
 
 from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.rewards import controlled
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.agent import policies
@@ -30,7 +31,8 @@ def networks() -> Networks:
 
 def histories(networks: Networks, batch: int, explore: bool = False) -> dict[tuple[int, int], np.ndarray]:
     """Simulate; return the transitions of each episode."""
-    world, builder = World(PAPER, load_scenarios([1, 2, 5, 7]), EPISODES, batch, 3), TransitionBuilder()
+    scenarios = load_scenarios([1, 2, 5, 7])
+    world, builder = World(PAPER, scenarios, EPISODES, batch, 3), TransitionBuilder(PAPER, scenarios)
     config = PolicyConfig(explore=explore, seed=4, noise=NoiseConfig(start=0.2))
     agents = policies(networks.weights({}, {}), world, dict.fromkeys(AGENTS, config))
     made = [whole for step in Loop(world, agents=agents) for whole in builder.observe(step)[1]]
@@ -43,17 +45,23 @@ def alone(networks: Networks) -> dict[tuple[int, int], np.ndarray]:
 
 
 def test_a_policy_acts_by_the_history_that_is_learned_from(networks, alone):
-    """What the network says of a whole recorded history is what was done at every step at which it acted."""
-    again = 0
+    """What the network says of a history from a hand-over on is what was done at every step until the hand-back."""
+    again, came = 0, 0.0
     for whole in alone.values():
-        acting = whole["acting"] != 0
-        again += int((np.diff(acting.astype(int)) == 1).sum())
-        for agent in AGENTS:
-            seen, done = (torch.from_numpy(whole[f"{agent}_{name}"].copy())[None] for name in ("observation", "action"))
-            with torch.no_grad():
-                said = networks.actor[agent](seen, previous(done), torch.from_numpy(whole["curvttc"].copy())[None])[0]
-            np.testing.assert_allclose(said.numpy()[acting], whole[f"{agent}_action"][acting], atol=1e-4)
-    assert again > 3, "the policies were handed over to again, in the same history"
+        parts = controlled(whole)
+        again += len(parts) - 1
+        for begin, end in parts:
+            own = whole[begin:end]
+            for agent in AGENTS:
+                names = (f"{agent}_{name}" for name in ("observation", "action", "came"))
+                seen, done, motion = (torch.from_numpy(own[name].copy())[None] for name in names)
+                curvttc = torch.from_numpy(own["curvttc"].copy())[None]
+                with torch.no_grad():
+                    said = networks.actor[agent](seen, previous(done, motion[:, 0]), curvttc)[0]
+                np.testing.assert_allclose(said.numpy(), own[f"{agent}_action"], atol=1e-4)
+                came = max(came, float(motion[:, 0].abs().max()))
+    assert again > 3, "the policies were handed over to again, and began anew"
+    assert came > 0.5, "agents come with an acceleration"
 
 
 def test_an_episode_has_the_same_history_to_the_bit_in_any_batch(networks, alone):

@@ -1,9 +1,9 @@
 import pytest
 import torch
 
-from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.actor import Actor, previous
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.sst import SSTLayer, risk
+from vpsci_ros.policy.sst import EncoderLayer, Memory, SSTLayer, risk
 
 SMALL = NetworkConfig(hidden=16, heads=2)
 
@@ -12,7 +12,11 @@ def history(batch=2, steps=30):
     generator = torch.Generator().manual_seed(4)
     observation = torch.randn(batch, steps, 6, generator=generator)
     action = torch.randn(batch, steps, 2, generator=generator)
-    return observation, previous(action), torch.rand(batch, steps, generator=generator) * 8.0
+    return (
+        observation,
+        previous(action, torch.randn(batch, 2, generator=generator)),
+        torch.rand(batch, steps, generator=generator) * 8.0,
+    )
 
 
 def test_risk_is_zero_from_five_seconds_on_and_one_on_contact():
@@ -45,6 +49,33 @@ def test_a_layer_is_the_recurrence_of_equation_3_and_the_attention_of_equation_4
             context.append(torch.softmax(logits, 0) @ values)
         expected.append(layer.norm(x[0, t] + y + layer.attended.weight @ torch.cat(context)))
     torch.testing.assert_close(layer(x, risks)[0], torch.stack(expected), atol=1e-5, rtol=1e-4)
+
+
+class Summed(EncoderLayer):
+    """A layer without a memory of its own: the running sum."""
+
+    def forward(self, x, risks):
+        return x.cumsum(dim=1) * risks[..., None]
+
+
+@pytest.mark.parametrize("layer", [SSTLayer, Summed])
+def test_step_by_step_an_actor_says_what_it_says_of_the_whole_history_and_has_the_same_gradients(layer):
+    torch.manual_seed(3)
+    actor, (observation, before, curvttc) = Actor(SMALL, 0.9, layer), history(steps=25)
+    torch.nn.init.normal_(actor.head[-1].weight)
+    memory = Memory()
+    steps = [actor.next(observation[:, t], before[:, t], curvttc[:, t], memory) for t in range(25)]
+    stepped, whole = torch.stack(steps, dim=1), actor(observation, before, curvttc)
+    torch.testing.assert_close(stepped, whole, atol=1e-5, rtol=1e-5)
+    parameters = list(actor.parameters())
+    found, expected = (torch.autograd.grad((out**2).sum(), parameters) for out in (stepped, whole))
+    torch.testing.assert_close(found, expected, atol=1e-3, rtol=1e-3)
+
+
+def test_an_untrained_actor_lets_the_acceleration_go_on_and_fade():
+    actor, before = Actor(SMALL, 0.8), torch.tensor([[[2.0, -1.0]]])
+    action = actor(torch.zeros(1, 1, 6), before, torch.ones(1, 1))
+    torch.testing.assert_close(action, 0.8 * before, atol=0.05, rtol=0.0)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from vpsci_ros.policy.streaming import StreamingActor
 
 SMALL = NetworkConfig(hidden=16, heads=2)
 
-STEPS = 200
+STEPS, CAME = 200, [1.5, -0.5]  # [m/s2] the acceleration before the first step
 
 
 def episode(batch: int, steps: int, seed: int = 0):
@@ -23,18 +23,21 @@ def streamed(weights, observation, curvttc):
     batch, steps, _ = observation.shape
     actor = StreamingActor(weights, batch)
     every = np.ones(batch, bool)
+    actor.executed(np.tile(np.float32(CAME), (batch, 1)), every)
     out = [actor.step(observation[:, t], curvttc[:, t], np.full(batch, t == 0), every) for t in range(steps)]
     return np.stack(out, axis=1)
 
 
-@pytest.mark.parametrize("config", [SMALL, NetworkConfig()], ids=["small", "table_8"])
+@pytest.mark.parametrize("config", [SMALL, NetworkConfig(hidden=256, layers=2)], ids=["small", "table_8"])
 def test_streaming_equals_the_whole_history_over_200_steps(networks, config):
     made = networks(config)
     observation, curvttc = episode(3, STEPS)
     actions = streamed(made.weights({}, {}).actor("vehicle"), observation, curvttc)
     with torch.no_grad():
         whole = made.actor["vehicle"](
-            torch.from_numpy(observation), previous(torch.from_numpy(actions)), torch.from_numpy(curvttc)
+            torch.from_numpy(observation),
+            previous(torch.from_numpy(actions), torch.tensor([CAME]).expand(3, -1)),
+            torch.from_numpy(curvttc),
         )
     assert np.abs(actions).mean() > 0.05  # the actors do act
     np.testing.assert_allclose(actions, whole.numpy(), atol=1e-5)
@@ -55,6 +58,7 @@ def test_rows_that_are_not_active_keep_their_history_and_return_zero(networks):
     observation, curvttc = episode(1, 6)
     alone = streamed(weights, observation, curvttc)
     actor = StreamingActor(weights, 2)
+    actor.executed(np.tile(np.float32(CAME), (2, 1)), np.ones(2, bool))
     for t in range(6):
         for active in ([False, True], [True, False]):
             seen = np.where(np.array(active)[:, None], observation[0, t], np.nan).astype(np.float32)

@@ -16,8 +16,8 @@ SMALL = NetworkConfig(hidden=16, heads=2)
 
 @pytest.mark.parametrize(
     "config",
-    [SMALL, NetworkConfig(), NetworkConfig(risk_input=False)],
-    ids=["small", "table_8", "without the risk input"],
+    [SMALL, NetworkConfig(hidden=256, layers=2)],
+    ids=["small", "table_8"],
 )
 def test_the_expected_tensors_are_those_that_the_networks_have(config):
     tensors = Networks(config).weights({}, {}).tensors
@@ -48,7 +48,7 @@ def test_a_configuration_without_heads_is_refused(networks, heads):
     header = int.from_bytes(data[:8], "little")
     facts = json.loads(data[8 : 8 + header])
     configuration = json.loads(facts["__metadata__"]["configuration"])
-    configuration["NetworkConfig"] |= {"heads": heads, "key_dimension": 8}
+    configuration["NetworkConfig"] |= {"heads": heads}
     facts["__metadata__"]["configuration"] = json.dumps(configuration)
     text = json.dumps(facts).encode()
     with pytest.raises(InvalidInput, match="configuration: heads"):

@@ -33,9 +33,7 @@ def episode(scenario: int = 1) -> Episode:
 def test_each_scenario_with_a_kept_episode_has_one_typical_episode(dataset: Path) -> None:
     (title, first), (other, second) = typical_episodes(Dataset(dataset))
     assert (first.key[0], second.key[0]) == (1, 2)
-    assert title.startswith(
-        "① LocationA_PedCross_S-N\nVehicle-yield, episode 0, least CurvTTC 1.00 s"
-    )
+    assert title.startswith("① LocationA_PedCross_S-N\nVehicle-yield, episode 0, least CurvTTC 1.00 s")
     assert other.startswith("② LocationA_PedCross_N-S\nPedestrian-yield")
     assert first.speed.min() < 0.2 < 4.9 < first.speed.max()
     assert 1.5 < first.curvttc[0].argmin() * first.period < 3.0

@@ -3,7 +3,7 @@
 import polars as pl
 
 from vpsci_ros.data.interactions import Interactions, from_table
-from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.data.near_misses import split_by_clip, split_by_name
 from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import Measured, continued, eligible, measure
 from vpsci_ros.policy.weights import Weights
@@ -35,12 +35,26 @@ def _by_name(measured: Measured) -> dict[str, float]:
     }
 
 
-def split_as_before(
-    near_misses: pl.DataFrame, weights: Weights, fraction: float, seed: int
-) -> tuple[pl.DataFrame, pl.DataFrame]:
+SHARE, SPLIT = 0.2, 1  # of the near misses that is held out where no clips are named, as in the paper; and its seed
+NO_CLIPS = "none"  # in place of names: none is held out
+
+
+def held_out_by(near_misses: pl.DataFrame, names: list[str]) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Return near misses to train on, and those held out.
+
+    :param names: of clips to hold out, see `split_by_name`; none: a fifth, by whole clips, the same in every
+        training; [`NO_CLIPS`]: none.
+    :raises InvalidInput: as `split_by_name` and `split_by_clip`.
+    """
+    if names == [NO_CLIPS]:
+        return near_misses, near_misses.clear()
+    return split_by_name(near_misses, names) if names else split_by_clip(near_misses, SHARE, SPLIT)
+
+
+def split_as_before(near_misses: pl.DataFrame, weights: Weights) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Return near misses to train on, and those of the clips that were held out when `weights` were trained.
 
-    If the table has none of these clips, `fraction` of the table is held out, by whole clips.
+    If the table has none of these clips, a fifth of it is held out, by whole clips.
 
     :raises InvalidInput: as `split_by_clip`, if that is used.
     """
@@ -48,5 +62,5 @@ def split_as_before(
     held = pl.concat_str("source", "clip", separator="/").is_in(clips)
     held_out = near_misses.filter(held)
     if held_out.is_empty():
-        return split_by_clip(near_misses, fraction, seed)
+        return split_by_clip(near_misses, SHARE, SPLIT)
     return near_misses.filter(~held), held_out

@@ -110,7 +110,10 @@ class FadingAcceleration:
 
 
 class PolicyPredictor:
-    """Both actors of a weights file, run by the nodes' code."""
+    """Both actors of a weights file, run by the nodes' code.
+
+    As in simulation, a history begins where CurvTTC is critical, with the acceleration of the step before.
+    """
 
     tracked_steps = 0  # recorded speeds, as in training
 
@@ -130,15 +133,16 @@ class PolicyPredictor:
         active: NDArray[np.bool_],
     ) -> Actions:
         """Return both agents' accelerations, see `Predictor.act`."""
-        reset = active & ~self._begun
-        self._begun |= active
+        reset = active & ~self._begun & (curvttc < CRITICAL_TTC)
+        self._begun |= reset
+        acting = active & self._begun
         return (
-            self._actors[0].step(vehicle, curvttc, reset, active),
-            self._actors[1].step(pedestrian, curvttc, reset, active),
+            self._actors[0].step(vehicle, curvttc, reset, acting),
+            self._actors[1].step(pedestrian, curvttc, reset, acting),
         )
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """Append the executed accelerations to the histories, see `Predictor.executed`."""
+        """Append the executed accelerations to the histories, or to what comes before them; `Predictor.executed`."""
         for actor, action in zip(self._actors, actions, strict=True):
             actor.executed(action, active)
 

@@ -153,9 +153,7 @@ class Exam:
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
-def prepare(
-    sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: Site = HERE
-) -> Exam:
+def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: Site = HERE) -> Exam:
     """Return the exam that the parameters describe, after all checks that are possible before a run.
 
     :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.

@@ -4,10 +4,12 @@ Stage 2 adds to it:
 
 - two critics an agent, of whose targets the lesser counts, and noise on the target actions, from 'Addressing function
   approximation error in actor-critic methods' by Fujimoto et al. 2018 (TD3, https://arxiv.org/abs/1802.09477);
-- imitation of recorded steps beside a policy gradient that is divided by the mean |Q|, from 'A minimalist approach to
-  offline reinforcement learning' by Fujimoto and Gu 2021 (TD3+BC, https://arxiv.org/abs/2106.06860).
+- a policy gradient that is divided by the mean |Q|, from 'A minimalist approach to offline reinforcement learning' by
+  Fujimoto and Gu 2021 (https://arxiv.org/abs/2106.06860);
+- other losses of the actors beside it, see `objectives`.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -25,7 +27,7 @@ from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
 
 UNIT = 100.0  # rewards are divided by this before the critics learn them, so that values are of order one; ours
-GRADIENT_CLIP = 1.0  # gradients are scaled down to this norm; ours
+GRADIENT_CLIP, ACTORS_CLIP = 1.0, 20.0  # gradients of critics and actors are scaled down to these norms; ours
 LEAST_VALUE = 0.05  # the policy gradient is divided by the mean |Q| of a batch, or by this; in units of `UNIT`
 Tensors = dict[str, Tensor]
 
@@ -47,7 +49,8 @@ class UpdateResult:
     """The losses and norms of an update.
 
     :ivar critic_loss: by agent.
-    :ivar actor_loss, gradient_norm: of the policy gradient, by agent; empty if the actors did not follow it.
+    :ivar actor_loss: -Q [reward] by agent; gradient_norm: of all that the actors followed; empty and not a number if
+        they followed nothing here.
     :ivar error: |delta| in units of the reward, mean of both agents, float64[M, T], zero past the end.
     :ivar actions: what the actors would have done before this update, float32[M, T, 2] [m/s2] by agent.
     :ivar more: other losses and norms of the objective, by name.
@@ -55,7 +58,7 @@ class UpdateResult:
 
     critic_loss: dict[str, float]
     actor_loss: dict[str, float]
-    gradient_norm: dict[str, float]
+    gradient_norm: float
     error: NDArray[np.float64]
     actions: Tensors = field(default_factory=dict)
     more: dict[str, float] = field(default_factory=dict)
@@ -90,13 +93,11 @@ class Maddpg:
     actors, as in 'Multi-agent actor-critic for mixed cooperative-competitive environments' by Lowe et al. 2017
     (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
 
-    :param imitation: weight of the imitation of recorded steps [(m/s2)^-2], see `_improve_actors`; None: the actors
-        follow the policy gradient at recorded steps, as at all others.
     :ivar alone: each critic is a single agent's: it gets zero in place of the other agent's action.
     """
 
-    def __init__(self, networks: Networks, config: UpdatesConfig, imitation: float | None = None) -> None:
-        self.networks, self.config, self.imitation = networks, config, imitation
+    def __init__(self, networks: Networks, config: UpdatesConfig) -> None:
+        self.networks, self.config = networks, config
         self.alone = False
         self.critic_optimiser = Adam(networks.critics.parameters(), config.critic_learning_rate)
         self.actor_optimiser = Adam(networks.actor.parameters(), config.actor_learning_rate)
@@ -106,22 +107,34 @@ class Maddpg:
         actions = {}
         with torch.set_grad_enabled(gradient):
             for agent in AGENTS:
-                seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent])
+                seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent], batch.came[agent])
                 action = _encoded(self.networks.actor[agent], batch, 0, seen, before, batch.curvttc[:, :-1])
                 actions[agent] = action.expand(-1, batch.present.shape[1], -1)
         return actions
 
-    def update(self, batch: Batch, scored: Scored, actions: Tensors | None, rng: np.random.Generator) -> UpdateResult:
+    def update(
+        self,
+        batch: Batch,
+        scored: Scored,
+        actions: Tensors | None,
+        rng: np.random.Generator,
+        besides: Tensor | None = None,
+        weight: float = 1.0,
+        rate: float = 1.0,
+    ) -> UpdateResult:
         """Update the critics and, given `actions` of `act`, the actors once; then update the targets.
 
         Errors and losses are those of the first critics, whose values the actors follow.
+
+        :param besides: a loss of the actors besides the policy gradient; weight: of the policy gradient; rate: of
+            `improve`.
         """
         count = batch.present.sum()
         targets = self.targets(scored, rng)
         states, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
         losses = []
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
-            before = previous(batch.action[agent])
+            before = previous(batch.action[agent], batch.came[agent])
             encoder = self.networks.critic[agent].encoder
             encoded = _encoded(encoder, batch, 0, batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
             for critics in self.networks.critics:
@@ -140,9 +153,12 @@ class Maddpg:
         torch.nn.utils.clip_grad_norm_(self.networks.critics.parameters(), GRADIENT_CLIP)
         self.critic_optimiser.step()
         actor_loss: dict[str, float] = {}
-        norm: dict[str, float] = {}
+        norm = math.nan
         if actions is not None:
-            actor_loss, norm = self._improve_actors(batch, actions, states)
+            objective, whole = self._policy_objective(batch, actions, states)
+            actor_loss = {agent: float(own.detach()) * UNIT for agent, own in objective.items()}
+            besides = torch.zeros(()) if besides is None else besides
+            norm = self.improve(besides + weight * whole if weight else besides, rate)
         self.networks.follow(self.config.target_update_rate)
         return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
 
@@ -155,12 +171,9 @@ class Maddpg:
         """Return y(t) = R(t) + gamma min Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1))), the least of all critics.
 
         Target actions get normal noise of `target_noise`, cut off at twice that.
-
-        Where the rule-based pair drives at t + 1, the return goes on, reward by reward, to the next step at which the
-        policies act, and is discounted by the time until then; without such a step it ends with the episode.
         """
         networks, batch, following = self.networks, scored.batch, {}
-        before = {a: torch.cat([torch.zeros_like(x[:, :1]), x], dim=1) for a, x in batch.action.items()}
+        before = {a: torch.cat([batch.came[a][:, None], x], dim=1) for a, x in batch.action.items()}
         for agent in AGENTS:
             actor = networks.target_actor[agent]
             action = _encoded(actor, batch, 1, batch.observation[agent], before[agent], batch.curvttc)
@@ -169,29 +182,33 @@ class Maddpg:
                 action = (action + torch.from_numpy(noise.astype(np.float32))).clamp(-actor.limit, actor.limit)
             following[agent] = action
         rows, targets = torch.arange(len(batch.length)), {}
-        goes_on = ~batch.terminal & batch.present[rows, batch.length - 1]
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             encoder, others = networks.target_critic[agent].encoder, self._others(following[other])
             encoded = _encoded(encoder, batch, 1, batch.observation[agent], before[agent], batch.curvttc)
             critics = [cast(Critics, every)[agent] for every in networks.target_critics]
             values = [critic.value(critic.branch(encoded), following[agent], others) for critic in critics]
             value = torch.stack(values).amin(dim=0).expand(-1, batch.present.shape[1] + 1)
-            last, reward = value[rows, batch.length] * goes_on, scored.reward[agent] / UNIT
-            found, after = torch.zeros_like(reward), last
-            for step in range(reward.shape[1] - 1, -1, -1):
-                after = torch.where(batch.length == step + 1, last, after)
-                found[:, step] = reward[:, step] + self.config.discount * after
-                after = torch.where(batch.present[:, step], value[:, step], found[:, step])
-            targets[agent] = found
+            after = value[:, 1:].clone()
+            after[rows, batch.length - 1] = value[rows, batch.length] * ~batch.terminal
+            targets[agent] = scored.reward[agent] / UNIT + self.config.discount * after
         return targets
 
-    def _improve_actors(
-        self, batch: Batch, actions: Tensors, states: Tensors
-    ) -> tuple[dict[str, float], dict[str, float]]:
-        """Follow the gradient of Q(H, mu(H), mu_other(H_other)), the critics held fixed, and imitate recorded steps.
+    def improve(self, loss: Tensor, rate: float = 1.0) -> float:
+        """Follow the gradient of a loss of both actors; return its norm before it is clipped.
 
-        With `imitation` the policy gradient is that of simulated steps alone, divided by the mean |Q|. At recorded
-        steps, whose actions are those of people, the loss is `imitation` times the squared error of the action.
+        :param rate: share of the configured step size.
+        """
+        for group in self.actor_optimiser.param_groups:
+            group["lr"] = rate * self.config.actor_learning_rate
+        parameters = list(self.networks.actor.parameters())
+        for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters), strict=True):
+            parameter.grad = gradient
+        norm = float(torch.nn.utils.clip_grad_norm_(parameters, ACTORS_CLIP))
+        self.actor_optimiser.step()
+        return norm
+
+    def _policy_objective(self, batch: Batch, actions: Tensors, states: Tensors) -> tuple[Tensors, Tensor]:
+        """Return -Q(H, mu(H), mu_other(H_other)) by agent, the critics held fixed, and the sum of both over mean |Q|.
 
         Both agents' actions are what their actors do now, as in the framework that the paper's authors released; Lowe
         et al. take the other's from the buffer, though its actor may have left that long ago.
@@ -199,24 +216,11 @@ class Maddpg:
         `states` are the histories as the first critics had them before their step of this update; to encode them again
         would turn the gradient by less than 4 degrees and cost a quarter of the update.
         """
-        self.actor_optimiser.zero_grad()
-        loss: dict[str, float] = {}
-        norm: dict[str, float] = {}
-        count, recorded = batch.present.sum(), batch.present & batch.real[:, None]
-        followed = batch.present if self.imitation is None else batch.present & ~recorded
+        count, objective, whole = batch.present.sum(), {}, torch.zeros(())
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             others = self._others(actions[other].detach())
             value = self.networks.critic[agent].value(states[agent].detach(), actions[agent], others)
-            objective = -(value * followed).sum() / count
-            whole = objective
-            if self.imitation is not None:
-                size = (value.detach().abs() * batch.present).sum() / count
-                off = ((actions[agent] - batch.action[agent]) ** 2).sum(dim=-1)
-                whole = objective / size.clamp(min=LEAST_VALUE) + self.imitation * (off * recorded).sum() / count
-            parameters = list(self.networks.actor[agent].parameters())
-            for parameter, gradient in zip(parameters, torch.autograd.grad(whole, parameters), strict=True):
-                parameter.grad = gradient
-            norm[agent] = float(torch.nn.utils.clip_grad_norm_(parameters, GRADIENT_CLIP)) * UNIT
-            loss[agent] = float(objective.detach()) * UNIT
-        self.actor_optimiser.step()
-        return loss, norm
+            objective[agent] = -(value * batch.present).sum() / count
+            size = (value.detach().abs() * batch.present).sum() / count
+            whole = whole + objective[agent] / size.clamp(min=LEAST_VALUE)
+        return objective, whole

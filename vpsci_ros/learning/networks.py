@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vpsci_ros.policy.actor import Actors
-from vpsci_ros.policy.config import CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, NetworkConfig
+from vpsci_ros.policy.config import CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, FADING, NetworkConfig
 from vpsci_ros.policy.models import MODELS, make_actor
 from vpsci_ros.policy.sst import SSTEncoder
 from vpsci_ros.policy.weights import Weights
@@ -76,7 +76,7 @@ class Networks(nn.Module):
     def __init__(self, config: NetworkConfig, critics: int = 1) -> None:
         super().__init__()
         self.config = config
-        self.actor = Actors({agent: make_actor(config) for agent in AGENTS})
+        self.actor = Actors({agent: make_actor(config, FADING[agent]) for agent in AGENTS})
         first = Critics({agent: Critic(config) for agent in AGENTS})
         further = [Critics({a: Critic(config, first[a].encoder) for a in AGENTS}) for _ in range(critics - 1)]
         self.critics, self.target_actor = nn.ModuleList([first, *further]), copy.deepcopy(self.actor)

@@ -21,7 +21,7 @@ from vpsci_ros.world.loop import Loop
 
 LOG, EPISODES, BEST = "refine_log.csv", "refine_episodes.csv", "best.safetensors"
 VALIDATION_SEED = 4242  # of the validation world, whose other parameters are those of training
-VALIDATION_EPISODES = 25  # of each scenario, or as many as training has
+VALIDATION_EPISODES = 50  # of each scenario, or as many as training has
 VALIDATE_EVERY = 3  # portions
 
 
@@ -40,8 +40,9 @@ def refine(
     Episodes run in portions of four batches; from a checkpoint after each portion a stopped run resumes to the same
     result. The training ends early where the convergence test of section 4.1 is passed. After every third portion and
     the last one the mean actors act in a validation world without exploration (`validation_...` in the log): `best` has
-    the mean actors with the highest share of episodes with both goals, less twice the share of collisions; `refined`
-    has the mean actors at the end.
+    the mean actors with the highest share of episodes with both goals, less twice the share of collisions and twice the
+    share by which the closed-loop error on training near misses is above its limit; `refined` has the mean actors at
+    the end.
 
     :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
@@ -55,7 +56,8 @@ def refine(
     refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
     identity, episodes = simulation.identity(), simulation.episodes
     portion, done, rows, best = 4 * simulation.batch, 0, [], -math.inf
-    outcomes, builder = Outcomes(), TransitionBuilder()
+    outcomes = Outcomes(simulation.world, simulation.scenarios)
+    builder = TransitionBuilder(simulation.world, simulation.scenarios)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})
@@ -69,6 +71,7 @@ def refine(
         if done % (VALIDATE_EVERY * portion) == 0 or done == len(episodes) or refiner.finished:
             rows[-1] |= (rates := validation_rates(simulation, refiner.averaged()))
             score = rates["validation_goal_rate"] - 2.0 * rates["validation_collision_rate"]
+            score -= 2.0 * max(0.0, rows[-1].get("closed_loop_error", 0.0) / config.closed_loop.limit - 1.0)
             if score > best:
                 best = score
                 save_weights(out_dir / BEST, refiner.averaged())
@@ -106,7 +109,7 @@ def _simulate(
     world = simulation.make_world(episodes)
     agents = policies(refiner.acting(), world, simulation.policies)
     for step in Loop(world, agents):
-        outcomes.note(step.events)
+        outcomes.note(step)
         transitions, histories = builder.observe(step)
         refiner.take(histories, len(transitions))
         while refiner.due:

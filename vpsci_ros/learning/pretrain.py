@@ -12,9 +12,9 @@ import polars as pl
 import torch
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import clips_of, split_by_clip, split_by_name, table_hash
+from vpsci_ros.data.near_misses import clips_of, table_hash
 from vpsci_ros.errors import Stopped
-from vpsci_ros.evaluation.held_out import HeldOut
+from vpsci_ros.evaluation.held_out import HeldOut, held_out_by
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.divergence import require_finite
@@ -54,8 +54,7 @@ def pretrain(
     interrupt within an iteration leaves the last checkpoint as it is. The log is written again at every held-out error
     and checkpoint, and however the run ends.
 
-    :param near_misses: near-miss table; of it `config.held_out_clips`, or without any `held_out_fraction` by whole
-        clips, is kept for the held-out error.
+    :param near_misses: near-miss table; of it `config.held_out_clips` are kept for the held-out error.
     :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
         iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
         the last velocity repeated.
@@ -111,9 +110,7 @@ class _Run:
         self._config, self._seed = config, seed
         self.held_out: HeldOut | None = None
         self._facts: dict[str, Any] = {"stage": "pretrained", "seed": seed, "data": {"sha256": table_hash(table)}}
-        training, held_out = split_by_name(table, config.held_out_clips)
-        if held_out.is_empty() and config.held_out_fraction > 0:
-            training, held_out = split_by_clip(table, config.held_out_fraction, seed)
+        training, held_out = held_out_by(table, config.held_out_clips)
         if held_out.height:
             self.held_out = HeldOut(held_out)
             self._facts["data"]["held_out_clips"] = clips_of(held_out)
@@ -145,7 +142,7 @@ class _Run:
             losses[f"{agent}_critic_loss"] = result.critic_loss[agent]
             if agent in result.actor_loss:
                 losses[f"{agent}_actor_loss"] = result.actor_loss[agent]
-                losses[f"{agent}_gradient_norm"] = result.gradient_norm[agent]
+                losses["gradient_norm"] = result.gradient_norm
         require_finite(losses, f"update {self.episode}")
         self.episode += 1
         return losses, self._episode_rewards(batch, result.actions)

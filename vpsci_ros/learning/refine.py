@@ -78,7 +78,7 @@ class Progress:
     updates: int = 0
     episodes: int = 0
     received: int = 0
-    owed: int = 0
+    owed: float = 0.0
     version: int = 1
     refreshes: int = 0
     refreshed: bool = False
@@ -97,8 +97,8 @@ class Refiner:
     """The learner of stage 2, fed with transitions by the `/replay` topic or in process.
 
     :param weights: of stage 1; its actors are the frozen reference of the speed reward.
-    :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the table has none of these,
-        `held_out_fraction` of it is held out, by whole clips.
+    :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the table has none of these, a
+        fifth of it is held out, by whole clips.
     :param seed: of sampling; the noise of the acting policies is theirs.
     :param out_dir: where `save` writes; None for a learner that writes nothing.
     :raises InvalidInput: too few near misses or clips, or no objective has the configuration's name.
@@ -117,10 +117,10 @@ class Refiner:
         self._config, self._start = config, weights
         self._out_dir = None if out_dir is None else Path(out_dir)
         self._rng = np.random.default_rng(seed)
-        training, held_out = split_as_before(near_misses, weights, config.held_out_fraction, seed)
+        training, held_out = split_as_before(near_misses, weights)
         self._held_out = HeldOut(held_out)
         self._networks = Networks.from_weights(weights, config.updates.critics, seed)
-        self._maddpg = Maddpg(self._networks, config.updates, config.imitation)
+        self._maddpg = Maddpg(self._networks, config.updates)
         interactions = from_table(training)
         real = recorded_histories(interactions)
         kept = up_to_capacity(real, REAL_STEPS, self._rng)
@@ -135,7 +135,7 @@ class Refiner:
         if "RefineConfig" not in weights.configuration:
             stage_1 = weights.configuration.get("PretrainConfig", {})
             self._networks.scale_values(value_factor(stage_1, config, self.reward_weights.values[0, 2]))
-        training_of = Training(self._maddpg, self._rewards, interactions)
+        training_of = Training(self._maddpg, self._rewards, interactions, self._buffer)
         self._objective = find_objective(config.objective).refine(training_of, config)
         self._acting = self._actors()
         self._mean = self._acting
@@ -153,13 +153,16 @@ class Refiner:
         progress = self.progress
         progress.received += transitions
         progress.owed += self._config.updates_per_episode * len(finished)
-        for history in self._rewards.histories(finished):
-            sums = self._rewards.components(history).sum(axis=1)
-            self.reward_weights.episode(sums / history.steps)
+        for rows in finished:
+            histories = self._rewards.histories([rows], self._config.updates.discount)
+            sums = np.sum([self._rewards.components(history).sum(axis=1) for history in histories], axis=0)
+            sums[:, :2] = self._rewards.events(rows)  # once, and not discounted
+            self.reward_weights.episode(sums / np.count_nonzero(rows["acting"]))
             totals = dict(zip(AGENTS, map(float, (sums * self.reward_weights.values).sum(axis=1)), strict=True))
             for agent, total in totals.items():
                 progress.returns[agent] += RETURN_SMOOTHING * (total - progress.returns[agent])
-            self._buffer.append(history.learnable(self._config.updates.discount))
+            for history in histories:
+                self._buffer.append(history)
             progress.episodes += 1
             progress.episode_returns.append({"episode": progress.episodes} | totals)
             if progress.updates > progress.tested:  # else nothing was learned from the last one, and the norm is old
@@ -170,7 +173,7 @@ class Refiner:
     @property
     def due(self) -> bool:
         """Whether an update is due for an episode (Algorithm 1) and a batch is available."""
-        return self.progress.received >= self._config.replay.batch_size and self.progress.owed > 0
+        return self.progress.received >= self._config.replay.batch_size and self.progress.owed >= 1.0
 
     @property
     def finished(self) -> bool:
@@ -187,7 +190,7 @@ class Refiner:
         :raises DivergedError: a loss is not finite.
         """
         progress = self.progress
-        progress.owed -= 1
+        progress.owed -= 1.0
         histories = self._buffer.draw(self._config.replay.batch_size, self._rng)
         batch = collate(histories)
         result = self._objective.update(batch, progress.updates, self._rng)
@@ -323,9 +326,9 @@ class Refiner:
     def _note(self, result: UpdateResult, batch: Batch) -> None:
         progress = self.progress
         last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
-        if result.gradient_norm:
+        if result.actor_loss:
             last |= {f"{agent}_actor_loss": result.actor_loss[agent] for agent in AGENTS}
-            last["gradient_norm"] = progress.norm = math.hypot(*result.gradient_norm.values())
+            last["gradient_norm"] = progress.norm = result.gradient_norm
         steps = batch.present.sum(dim=1)
         drawn, real = float(steps.sum()), float((steps * batch.real).sum())
         progress.drawn, progress.drawn_real = progress.drawn + drawn, progress.drawn_real + real

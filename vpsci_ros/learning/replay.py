@@ -1,9 +1,8 @@
 """The replay buffers of both stages, and mini-batches drawn from a buffer.
 
 Stage 1 draws single recorded steps, each with its history of `WINDOW` steps (Table 8's input sequence length). Stage 2
-draws steps by (17), and each brings the whole history of its episode, since an SST network at step t needs all that
-came before; episodes are drawn until they hold `batch_size` steps at which the policies acted, so that an update costs
-about the same whatever the length of the episodes.
+draws steps by (17), and each brings its whole history, since an SST network at step t needs all that came before;
+histories are drawn until they hold `batch_size` steps, so that an update costs about the same whatever their length.
 """
 
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from torch import Tensor
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.evaluation.scene import Scene, scene_at
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
+from vpsci_ros.world.road import LANE_POINTS
 
 WINDOW = 10  # steps of the history of a recorded step, this one included (Table 8)
 Floats = NDArray[np.float32]
@@ -25,59 +25,37 @@ Floats = NDArray[np.float32]
 
 @dataclass
 class History:
-    """A history of T steps of both agents: an episode from the first hand-over on, or a recording.
+    """A history of T steps of both agents: from a hand-over to the hand-back, or a recording from its onset on.
 
     `observation` and `curvttc` include the step after the last action. `next_velocity` has the next speeds that rewards
     (14)-(15) compare with: in real experience the recorded ones, in simulated experience the frozen stage-1 actor's.
+    `lane`, `way`, `wanted` and `rules` are those of `world.road.Road`; recordings have none, and zeros here.
     """
 
     observation: dict[str, Floats]  # [T + 1, 6]
     curvttc: Floats  # [T + 1] [s]
+    came: dict[str, Floats]  # [T, 2] [m/s2] by the motion since the step before
     action: dict[str, Floats]  # [T, 2] [m/s2] as executed
     next_velocity: dict[str, Floats]  # [T, 2] [m/s]
     events: dict[str, Floats]  # [T, 2] collision and goal, unweighted rewards (25)-(26)
-    acting: NDArray[np.bool_]  # [T] the policies acted, not the rule-based pair
     terminal: bool  # no return follows the last step; false after a timeout
     real: bool  # recorded, not simulated
+    lane: Floats  # [T, 2 LANE_POINTS] [m]
+    way: Floats  # [T, 2]
+    wanted: Floats  # [2] [m/s]
+    rules: Floats  # [4] release time [s], the pedestrian's gain; 1 or 0: the world keeps the lane, and limits jerk
     priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [T] |delta|
+    near: float = 1.0  # [m] how far roll-outs from it last came below the margin, see `closed_loop`
 
     def __len__(self) -> int:
-        return len(self.acting)
-
-    @property
-    def steps(self) -> int:
-        """Number of steps of the history at which the policies acted."""
-        return int(np.count_nonzero(self.acting))
-
-    def learnable(self, discount: float) -> "History":
-        """Return the history up to the last step at which the policies acted; its temporal differences are the same.
-
-        Events after that step are added to its own, each discounted by the time until then, and what follows has no
-        value of its own. Nothing later is learned from, so an update need not encode it.
-        """
-        steps = int(np.flatnonzero(self.acting)[-1]) + 1
-        if steps == len(self):
-            return self
-        later = discount ** np.arange(len(self) - steps + 1)
-        events = {agent: values[:steps].copy() for agent, values in self.events.items()}
-        for agent, values in events.items():
-            values[-1] = later @ self.events[agent][steps - 1 :]
-        return History(
-            {agent: values[: steps + 1].copy() for agent, values in self.observation.items()},
-            self.curvttc[: steps + 1].copy(),
-            {agent: values[:steps].copy() for agent, values in self.action.items()},
-            {agent: values[:steps].copy() for agent, values in self.next_velocity.items()},
-            events,
-            self.acting[:steps].copy(),
-            terminal=True,
-            real=self.real,
-        )
+        return len(self.curvttc) - 1
 
 
 @dataclass(frozen=True)
 class Batch:
     """A batch of M histories as padded tensors; each field is that of `History` with a leading dimension M.
 
+    :ivar came: by agent float32[M, 2] [m/s2], with which they come to the first step.
     :ivar present: bool[M, T], steps that are trained on.
     :ivar length: int64[M], steps of each history.
     :ivar scene: of recorded steps, M scenes in which the last action is taken; None: histories are whole.
@@ -85,6 +63,7 @@ class Batch:
 
     observation: dict[str, Tensor]
     curvttc: Tensor
+    came: dict[str, Tensor]
     action: dict[str, Tensor]
     next_velocity: dict[str, Tensor]
     events: dict[str, Tensor]
@@ -115,10 +94,11 @@ def collate(histories: Sequence[History]) -> Batch:
     present = np.zeros((len(histories), steps), np.bool_)
     for i, history in enumerate(histories):
         curvttc[i, : len(history) + 1] = history.curvttc
-        present[i, : len(history)] = history.acting
+        present[i, : len(history)] = True
     return Batch(
         observation={agent: stacked("observation", agent, OBSERVATION_SIZE, 1) for agent in AGENTS},
         curvttc=torch.from_numpy(curvttc),
+        came={agent: torch.from_numpy(np.stack([h.came[agent][0] for h in histories])) for agent in AGENTS},
         action={agent: stacked("action", agent, ACTION_SIZE, 0) for agent in AGENTS},
         next_velocity={agent: stacked("next_velocity", agent, ACTION_SIZE, 0) for agent in AGENTS},
         events={agent: stacked("events", agent, ACTION_SIZE, 0) for agent in AGENTS},
@@ -148,6 +128,7 @@ def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArr
     return Batch(
         observation={agent: cut(interactions.observation[agent], WINDOW + 1) for agent in AGENTS},
         curvttc=cut(interactions.curvttc, WINDOW + 1, np.inf),
+        came=came_to(interactions, row, begin),
         action={agent: cut(interactions.action[agent], WINDOW) for agent in AGENTS},
         next_velocity={agent: cut(interactions.next_velocity[agent], WINDOW) for agent in AGENTS},
         events={agent: torch.zeros(len(row), WINDOW, 2) for agent in AGENTS},
@@ -159,6 +140,13 @@ def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArr
     )
 
 
+def came_to(interactions: Interactions, row: NDArray[np.int64], at: NDArray[np.int64]) -> dict[str, Tensor]:
+    """Return the accelerations [m/s2] with which agents come to recorded steps, float32[M, 2]; 0 at the first."""
+    known = (at > 0)[:, None]
+    own = {agent: interactions.action[agent][row, np.maximum(at - 1, 0)] * known for agent in AGENTS}
+    return {agent: torch.from_numpy(values.astype(np.float32)) for agent, values in own.items()}
+
+
 def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generator) -> Batch:
     """Return `steps` recorded steps as a batch, drawn uniformly with replacement from those whose actions are known."""
     row, at = np.nonzero(interactions.acted)
@@ -167,20 +155,28 @@ def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generat
 
 
 def recorded_histories(interactions: Interactions) -> list[History]:
-    """Return recorded interactions as histories, one each; the last recorded step follows the last action."""
+    """Return recorded interactions from their onsets on, one history each; the last step follows the last action."""
     histories = []
-    for i, length in enumerate(interactions.length):
-        steps = int(length) - 1
+    for i, (first, length) in enumerate(zip(interactions.first, interactions.length, strict=True)):
+        begin, end = int(first), int(length) - 1
+        if begin >= end:
+            continue
+        steps = end - begin
+        came = {a: np.concatenate([np.zeros((1, 2), np.float32), interactions.action[a][i, :end]]) for a in AGENTS}
         histories.append(
             History(
-                observation={a: interactions.observation[a][i, : steps + 1] for a in AGENTS},
-                curvttc=interactions.curvttc[i, : steps + 1].astype(np.float32),
-                action={a: interactions.action[a][i, :steps] for a in AGENTS},
-                next_velocity={a: interactions.next_velocity[a][i, :steps] for a in AGENTS},
+                observation={a: interactions.observation[a][i, begin : end + 1] for a in AGENTS},
+                curvttc=interactions.curvttc[i, begin : end + 1].astype(np.float32),
+                came={a: values[begin:end] for a, values in came.items()},
+                action={a: interactions.action[a][i, begin:end] for a in AGENTS},
+                next_velocity={a: interactions.next_velocity[a][i, begin:end] for a in AGENTS},
                 events={a: np.zeros((steps, 2), np.float32) for a in AGENTS},
-                acting=np.ones(steps, np.bool_),
                 terminal=True,
                 real=True,
+                lane=np.zeros((steps, 2 * LANE_POINTS), np.float32),
+                way=np.zeros((steps, 2), np.float32),
+                wanted=np.zeros(2, np.float32),
+                rules=np.zeros(4, np.float32),
             )
         )
     return histories
@@ -189,14 +185,14 @@ def recorded_histories(interactions: Interactions) -> list[History]:
 def up_to_capacity(histories: list[History], capacity: int, rng: np.random.Generator) -> list[int]:
     """Return the indices of random histories with at most `capacity` steps in total; at least one history."""
     order = rng.permutation(len(histories))
-    filled = np.cumsum([histories[i].steps for i in order])
+    filled = np.cumsum([len(histories[i]) for i in order])
     return [int(i) for i in order[: max(1, int(np.searchsorted(filled, capacity, side="right")))]]
 
 
 class ReplayBuffer:
     """The simulation replay buffer B_s: simulated histories, and a share of real ones that is never overwritten.
 
-    Steps at which the policies acted count, and are drawn with the probabilities of (17).
+    Its steps are drawn with the probabilities of (17).
 
     :param capacity: steps held; the oldest simulated histories make room.
     :param real: real experience, kept for good; its steps count.
@@ -216,26 +212,27 @@ class ReplayBuffer:
         if len(history.priority) == 0:
             history.priority = np.full(len(history), self.highest)
         self.histories.append(history)
-        self.steps += history.steps
+        self.steps += len(history)
         while self.steps > self._capacity:
             oldest = next((i for i, h in enumerate(self.histories) if not h.real), None)
             if oldest is None or self.histories[oldest] is history:
                 break
-            self.steps -= self.histories.pop(oldest).steps
+            self.steps -= len(self.histories.pop(oldest))
 
     def restore(self, histories: list[History], highest: float) -> None:
         """Replace the content by `histories`, with their priorities."""
         self.histories, self.highest = histories, highest
-        self.steps = sum(history.steps for history in histories)
+        self.steps = sum(map(len, histories))
 
     def draw(self, steps: int, rng: np.random.Generator) -> list[History]:
-        """Draw distinct histories by (17) until they have `steps` acting steps, in at most 4 times `steps` tries.
+        """Draw distinct histories by (17) until they have so many steps, in at most 4 times `steps` tries.
 
         Fewer steps are returned where few histories have nearly all of the weight.
         """
-        owner = np.repeat(np.arange(len(self.histories)), [h.steps for h in self.histories])
-        delta = np.concatenate([h.priority[h.acting] for h in self.histories])
-        real = np.repeat([h.real for h in self.histories], [h.steps for h in self.histories])
+        lengths = [len(h) for h in self.histories]
+        owner = np.repeat(np.arange(len(self.histories)), lengths)
+        delta = np.concatenate([h.priority for h in self.histories])
+        real = np.repeat([h.real for h in self.histories], lengths)
         weight = delta**self._exponent + self._bonus * real
         total = weight.sum()
         p = weight / total if total > 0 else np.full(len(weight), 1.0 / len(weight))
@@ -248,8 +245,13 @@ class ReplayBuffer:
             if i not in taken:
                 taken.add(int(i))
                 picked.append(self.histories[i])
-                held += self.histories[i].steps
+                held += len(self.histories[i])
         return picked
+
+    @property
+    def simulated(self) -> list[History]:
+        """The simulated histories, oldest first."""
+        return [history for history in self.histories if not history.real]
 
     def reprioritise(self, histories: list[History], errors: NDArray[np.float64]) -> None:
         """Store |delta|, float64[M, T], as the priorities of a batch's histories."""

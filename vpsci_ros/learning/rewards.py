@@ -18,10 +18,13 @@ from vpsci_ros.evaluation.scene import advance, observe, time_to_collision
 from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.replay import Batch, History, collate
+from vpsci_ros.learning.replay import Batch, Floats, History, collate
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS, STEP
 from vpsci_ros.world.transition import TRANSITION
+
+RULES = "release", "pedestrian_gain", "keeps_lane", "limited"  # fields of a transition, of one value an episode
+EXPLORATION = 0.5  # [m/s2] standard deviation of the actions scored in stage 1 around the actor's; ours
 
 
 def predicted_velocity(velocity: Tensor, action: Tensor) -> Tensor:
@@ -95,11 +98,11 @@ class RecordedRewards:
     """The rewards of stage 1: the speed reward of noisy actions of the actors, by the recorded next speeds."""
 
     def __init__(self, config: SpeedRewardsConfig, networks: Networks) -> None:
-        self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
+        self.speed = SpeedReward(networks, config.speed_scaling)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
         """Score noisy actions at the recorded steps, with next observations by the kinematics; see `Rewards.score`."""
-        scored = {agent: explored(actions[agent], self._exploration, rng) for agent in AGENTS}
+        scored = {agent: explored(actions[agent], EXPLORATION, rng) for agent in AGENTS}
         rewards = {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS}
         return Scored(scored, rewards, _followed(batch, scored))
 
@@ -138,42 +141,67 @@ class SimulatedRewards:
         self.weights = RewardWeights(config)
 
     @torch.no_grad()
-    def histories(self, finished: Sequence[NDArray[np.void]]) -> list[History]:
-        """Return simulated experience, TRANSITION[T] each, as histories.
+    def histories(self, finished: Sequence[NDArray[np.void]], discount: float) -> list[History]:
+        """Return simulated episodes, TRANSITION[T] each, as histories: one for each time that the policies had control.
 
-        Their next speeds are those that the frozen stage-1 actor would have chosen after the same steps.
+        Their next speeds are those that the frozen stage-1 actor would have chosen after the same steps. Events after
+        the last step of a history are added to its own, each discounted by the time until then.
         """
-        if not finished:
+        parts = [(rows, begin, end) for rows in finished for begin, end in controlled(rows)]
+        if not parts:
             return []
-        padded = np.zeros((len(finished), 1 + max(map(len, finished))), TRANSITION)  # with the step after the last one
+        padded = np.zeros((len(parts), max(end - begin for _, begin, end in parts)), TRANSITION)
         padded["curvttc"] = np.inf
-        for row, steps in zip(padded, finished, strict=True):
-            row[: len(steps)] = steps
-        curvttc, chosen = torch.from_numpy(padded["curvttc"].copy())[:, :-1], {}
+        for row, (rows, begin, end) in zip(padded, parts, strict=True):
+            row[: end - begin] = rows[begin:end]
+        curvttc, chosen = torch.from_numpy(padded["curvttc"].copy()), {}
         for agent in AGENTS:
-            known = (torch.from_numpy(padded[f"{agent}_{name}"].copy()) for name in ("observation", "action"))
-            seen, done = (part[:, :-1] for part in known)
-            chosen[agent] = predicted_velocity(seen[..., :2], self._frozen[agent](seen, previous(done), curvttc))
+            names = (f"{agent}_{name}" for name in ("observation", "action", "came"))
+            seen, done, came = (torch.from_numpy(padded[name].copy()) for name in names)
+            before = previous(done, came[:, 0])
+            chosen[agent] = predicted_velocity(seen[..., :2], self._frozen[agent](seen, before, curvttc))
         return [
-            History(
-                {a: np.concatenate([rows[f"{a}_observation"], rows[f"next_{a}_observation"][-1:]]) for a in AGENTS},
-                np.append(rows["curvttc"], rows["next_curvttc"][-1]),
-                {a: rows[f"{a}_action"].copy() for a in AGENTS},  # a view of one record has odd strides
-                {a: chosen[a][i, : len(rows)].numpy().copy() for a in AGENTS},
-                {a: self._events(rows["collision"], rows[f"{a}_goal"]) for a in AGENTS},
-                acting=rows["acting"] != 0,
-                terminal=bool(rows["terminal"][-1]),
-                real=False,
-            )
-            for i, rows in enumerate(finished)
+            self._history(rows, begin, end, {a: chosen[a][i, : end - begin].numpy().copy() for a in AGENTS}, discount)
+            for i, (rows, begin, end) in enumerate(parts)
         ]
 
-    def _events(self, collision: NDArray[np.uint8], goal: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def _history(
+        self, rows: NDArray[np.void], begin: int, end: int, next_velocity: dict[str, Floats], discount: float
+    ) -> History:
+        """Return the steps `begin` to `end` of an episode, TRANSITION[T], in which the policies acted."""
+        own, over = rows[begin:end], end == len(rows)
+        after = {a: rows[f"next_{a}_observation"][-1] if over else rows[f"{a}_observation"][end] for a in AGENTS}
+        later, events = discount ** np.arange(len(rows) - end + 1), {}
+        for agent in AGENTS:
+            every = self._events(rows["collision"], rows[f"{agent}_goal"])
+            events[agent] = every[begin:end].copy()
+            events[agent][-1] = later @ every[end - 1 :]
+        return History(
+            {a: np.concatenate([own[f"{a}_observation"], after[a][None]]) for a in AGENTS},
+            np.append(own["curvttc"], rows["next_curvttc"][-1] if over else rows["curvttc"][end]),
+            {a: own[f"{a}_came"].copy() for a in AGENTS},
+            {a: own[f"{a}_action"].copy() for a in AGENTS},  # a view of one record has odd strides
+            next_velocity,
+            events,
+            terminal=not over or bool(rows["terminal"][-1]),
+            real=False,
+            lane=own["lane"].copy(),
+            way=own["way"].copy(),
+            wanted=own["wanted"][0].copy(),
+            rules=np.array([own[name][0] for name in RULES], np.float32),
+        )
+
+    def _events(self, collision: NDArray[np.uint8], goal: NDArray[np.uint8]) -> Floats:
         """Return (25) and (26), float32[T, 2], of steps that end in a collision or reach the agent's own goal, or not.
 
         :param collision, goal: 0 or 1, [T].
         """
         return np.stack([self._collision * collision, self._goal * goal], axis=1).astype(np.float32)
+
+    def events(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
+        """Return the sums of (25) and of (26) in an episode, TRANSITION[T], by agent, float64[2, 2]."""
+        own = [self._events(rows["collision"], rows[f"{agent}_goal"]) for agent in AGENTS]
+        return np.stack(own).sum(axis=1, dtype=np.float64)
 
     def components(self, history: History) -> NDArray[np.float64]:
         """Return each agent's (collision, goal, speed) rewards of every step, float64[2, T, 3], unweighted."""
@@ -190,6 +218,12 @@ class SimulatedRewards:
             speed = self.speed(batch, batch.action[agent], agent) * batch.present
             rewards[agent] = (batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed
         return Scored(batch.action, rewards, batch)
+
+
+def controlled(rows: NDArray[np.void]) -> list[tuple[int, int]]:
+    """Return the steps of an episode, TRANSITION[T], from each hand-over to its hand-back, as (first, last + 1)."""
+    acting = np.concatenate([[0], rows["acting"], [0]]).astype(np.int64)
+    return list(zip(np.flatnonzero(np.diff(acting) == 1), np.flatnonzero(np.diff(acting) == -1), strict=True))
 
 
 def explored(actions: Tensor, deviation: float, rng: np.random.Generator) -> Tensor:

@@ -1,17 +1,23 @@
 """Experience for the learner: one record per policy step, made from successive states of a world."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.policy.histories import Histories
+from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS, observe
+from vpsci_ros.world.road import road_of
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
+from vpsci_ros.world.tables import settings_from, tables_from
 from vpsci_ros.world.tick import Step
 from vpsci_ros.world.transition import TRANSITION
 
 STEPS = 128  # of a history, before its memory doubles
 MOST = 1e6  # no position [m], speed [m/s], acceleration [m/s2] or angle [rad] of a transition is beyond
-_FLAGS = ("acting", "collision", "vehicle_goal", "pedestrian_goal", "last", "terminal")
+_FLAGS = ("acting", "keeps_lane", "limited", "collision", "vehicle_goal", "pedestrian_goal", "last", "terminal")
+_ROAD = ("lane", "way", "wanted", "release", "pedestrian_gain", "keeps_lane", "limited")  # as in `Road`
 _TIMES = ("curvttc", "next_curvttc")
 _NUMBERS = [name for name in TRANSITION.names or () if TRANSITION[name].base == np.float32 and name not in _TIMES]
 
@@ -42,15 +48,17 @@ Completed = tuple[NDArray[np.void], list[NDArray[np.void]]]
 class TransitionBuilder:
     """Pairs the state of each policy frame with the state one policy period later, or with the episode's last state.
 
-    A history begins with the first hand-over of an episode and ends with the episode, see `policy.histories`. While the
-    rule-based pair acts, also in place of a missing answer, a transition has the accelerations of the motion and is not
-    `acting`. Call `observe` at every tick, in order.
+    Records of an episode begin with its first hand-over and end with the episode. While the rule-based pair acts, also
+    in place of a missing answer, a transition has the accelerations of the motion and is not `acting`. Call `observe`
+    at every tick, in order.
 
+    :param config, scenarios: of the world.
     :ivar count: transitions completed so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, config: WorldConfig, scenarios: Sequence[Scenario]) -> None:
         self.count = 0
+        self._tables, self._settings = tables_from(scenarios, config.spawn), settings_from(config)
         self._resize(0)
 
     def _resize(self, slots: int) -> None:
@@ -88,8 +96,12 @@ class TransitionBuilder:
             rows["step"], rows["curvttc"] = self._histories.step[slots], assessment.curvttc[slots]
             rows["acting"] = acts[slots]
             rows["vehicle_policy_version"], rows["pedestrian_policy_version"] = vehicle_version, pedestrian_version
-            for agent, action in zip(AGENTS, (actions.vehicle, actions.pedestrian), strict=True):
+            road = road_of(state[slots], self._tables, self._settings)
+            for name, values in zip(_ROAD, road, strict=True):
+                rows[name] = values
+            for index, (agent, action) in enumerate(zip(AGENTS, (actions.vehicle, actions.pedestrian), strict=True)):
                 rows[f"{agent}_observation"] = seen[agent][slots]
+                rows[f"{agent}_came"] = self._histories.done[index, slots]
                 if action is not None:
                     rows[f"{agent}_action"] = np.asarray(action)[slots]
             self._store(slots, rows)

@@ -62,7 +62,9 @@ class WorldSimulator(GraphNode):
         if self._config.vehicle_driver == "external":
             external = ExternalDriver(config.external_mode == "real_time", self._config.tick, self.counts)
         self._lock_step = LockStep(config, self._config, self.counts, external)
-        self._builder = TransitionBuilder() if "learner" in self.peers else None
+        self._builder = None
+        if "learner" in self.peers:
+            self._builder = TransitionBuilder(self._config, list(self._scenarios.values()))
         self._consumed = 0  # transitions, by the learner
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
         self._repeated_at = 0.0  # [s] of the first tick once more

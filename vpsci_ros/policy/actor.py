@@ -6,10 +6,10 @@ import torch
 from torch import Tensor, nn
 
 from vpsci_ros.policy.config import ACTOR_HIDDEN, NetworkConfig
-from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer
+from vpsci_ros.policy.sst import EncoderLayer, Memory, SSTEncoder, SSTLayer, entry
 from vpsci_ros.world.observation import ACTION_SIZE
 
-OUTPUT_INIT = 3e-3  # bound of the last layer's initial weights, so that an untrained actor keeps its velocity
+OUTPUT_INIT = 3e-3  # bound of the last layer's initial weights: an untrained network adds nothing
 
 
 class InwardClamp(torch.autograd.Function):
@@ -38,10 +38,19 @@ class InwardClamp(torch.autograd.Function):
 
 
 class Actor(nn.Module):
-    """mu(H(t)): history of one agent -> (longitudinal, lateral) acceleration [m/s2] in the vehicle's heading frame."""
+    """mu(H(t)): history of one agent -> (longitudinal, lateral) acceleration [m/s2] in the vehicle's heading frame.
 
-    def __init__(self, config: NetworkConfig, layer: type[EncoderLayer] = SSTLayer) -> None:
+    The network's output is added to the acceleration of the step before, of which the share `fading` goes on. So an
+    untrained actor does what best predicts people without a network, and a network learns what they do beyond it.
+
+    :param fading: 0 to 1; kept with the weights, not trained.
+    """
+
+    fading: Tensor
+
+    def __init__(self, config: NetworkConfig, fading: float, layer: type[EncoderLayer] = SSTLayer) -> None:
         super().__init__()
+        self.register_buffer("fading", torch.tensor([fading], dtype=torch.float32))
         self.limit = config.action_limit
         self.encoder = SSTEncoder(config, layer)
         first, second = ACTOR_HIDDEN
@@ -64,8 +73,15 @@ class Actor(nn.Module):
 
         With `step` float32[B, 1, 2]: the action at that step alone.
         """
-        out: Tensor = self.head(self.encoder(observation, action_before, curvttc, step))
-        clamped: Tensor = InwardClamp.apply(out, self.limit)  # type: ignore[no-untyped-call]
+        before = action_before if step is None else entry(action_before, step)
+        return self._clamped(self.head(self.encoder(observation, action_before, curvttc, step)), before)
+
+    def next(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, memory: Memory) -> Tensor:
+        """Return the action at one more step of B histories, float32[B, 2]; parameters as of `SSTEncoder.next`."""
+        return self._clamped(self.head(self.encoder.next(observation, action_before, curvttc, memory)), action_before)
+
+    def _clamped(self, out: Tensor, action_before: Tensor) -> Tensor:
+        clamped: Tensor = InwardClamp.apply(out + self.fading * action_before, self.limit)  # type: ignore[no-untyped-call]
         return clamped
 
 
@@ -77,6 +93,6 @@ class Actors(nn.ModuleDict):
         return cast(Actor, super().__getitem__(key))
 
 
-def previous(actions: Tensor) -> Tensor:
-    """Shift executed actions float32[B, T, 2] by one step, so that entry t is the action before step t (zero at 0)."""
-    return torch.cat([torch.zeros_like(actions[:, :1]), actions[:, :-1]], dim=1)
+def previous(actions: Tensor, came: Tensor) -> Tensor:
+    """Return the action before each step, float32[B, T, 2]: `came`, float32[B, 2], then all but the last `actions`."""
+    return torch.cat([came[:, None], actions[:, :-1]], dim=1)

@@ -153,12 +153,12 @@ class NetworkAtWork:
         :param explore: the noise of (16); None: none.
         """
         state, active = tick.state, assessment.acting
-        begins, steps = self._histories.take(state, tick.policy_frame, active)
-        if not np.count_nonzero(steps):
+        begins, _ = self._histories.take(state, tick.policy_frame, active)
+        if not np.count_nonzero(active):
             return np.zeros((len(state), 2), np.float32)
-        self._actor.executed(self._histories.done[self._agent], self._histories.driven)
-        seen = observation.observe(state, steps)[self._agent]
-        action = self._actor.step(seen, assessment.curvttc, begins, steps)
+        self._actor.executed(self._histories.done[self._agent], begins)
+        seen = observation.observe(state, active)[self._agent]
+        action = self._actor.step(seen, assessment.curvttc, begins, active)
         if explore is not None:
             which = state["scenario"], state["episode"], self._histories.step
             noise = exploration_noise(seed, *which, self._agent, explore, self._limit)

@@ -11,6 +11,7 @@ from vpsci_ros.parameters import constant, parameter
 SST = "sst"
 ACTOR_HIDDEN, CRITIC_HIDDEN = (64, 64), (64, 64)  # two hidden layers of an actor, and of a critic after both branches
 CRITIC_STATE, CRITIC_ACTION = 16, 16  # layers on a critic's encoded history, and on its joint action (all Table 8)
+FADING = {"vehicle": 0.95, "pedestrian": 0.8}  # what goes on of the acceleration of the step before, see `actor`
 LEARNED = "learned"  # the agent that acts by network weights or a bank
 
 
@@ -26,13 +27,10 @@ class NetworkConfig:
         "type of the networks' layers: sst, the paper's state-space Transformer, or another name that `vpsci study "
         "models` knows, such as transformer, lstm, feedforward",
     )
-    hidden: int = parameter(256, "width of the layers of `encoder`", low=8, high=1024)
-    layers: int = parameter(2, "number of layers of `encoder`", low=1, high=8)
+    hidden: int = parameter(64, "width of the layers of `encoder`; the paper has 256", low=8, high=1024)
+    layers: int = parameter(1, "number of layers of `encoder`; the paper has 2", low=1, high=8)
     heads: int = constant(8, "attention heads", low=1, high=64)
     attention_window: int = constant(10, "steps that attention looks back over, this one included", low=1, high=64)
-    risk_input: bool = parameter(
-        False, "CurvTTC's risk is also an input of the networks; false: it only gates their attention"
-    )
     action_limit: float = constant(
         5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0
     )

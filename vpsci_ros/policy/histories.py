@@ -1,8 +1,8 @@
-"""Bookkeeping of histories: one for each episode, from its first hand-over to its end (Algorithm 1).
+"""Bookkeeping of histories: one for each time that the policies take control (Algorithm 1).
 
-A history has a step at every policy frame, also while the rule-based pair has control. An agent's action before such a
-step is the acceleration that its motion shows. Acting policies and the learner use the same class, so both have
-bit-identical histories.
+A history begins at a hand-over with nothing but the acceleration with which each agent comes, as its motion shows it,
+and ends when control is given back. So a policy has as much of a past in simulation as it has from the onset of a
+recording on. Acting policies and the learner use the same class, so both have bit-identical histories.
 """
 
 import numpy as np
@@ -13,17 +13,16 @@ from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP, to_heading_fr
 
 
 class Histories:
-    """Step numbers and last motion of the histories of B slots.
+    """Step numbers and last motion of the episodes in B slots.
 
     :ivar step: int64[B], policy frames since the first hand-over of the slot's episode.
-    :ivar driven: bool[B], where the rule-based pair drove at the last policy frame of the history.
-    :ivar done: float32[2, B, 2] [m/s2], accelerations of vehicle and pedestrian since the last policy frame, by their
-        motion, as (longitudinal, lateral) in the vehicle's heading frame at that frame.
+    :ivar done: float32[2, B, 2] [m/s2], accelerations of vehicle and pedestrian since the last policy frame of the
+        episode, by their motion, as (longitudinal, lateral) in the vehicle's heading frame at that frame; 0 at the
+        episode's first.
     """
 
     def __init__(self, slots: int) -> None:
         self.step = np.full(slots, -1)
-        self.driven = np.zeros(slots, np.bool_)
         self.done = np.zeros((len(AGENTS), slots, ACTION_SIZE), np.float32)
         self._begun, self._acted = np.zeros(slots, np.bool_), np.zeros(slots, np.bool_)
         self._episode = np.full((slots, 3), -1)  # scenario, number, frame
@@ -32,27 +31,28 @@ class Histories:
     def take(
         self, state: NDArray[np.void], on_frame: NDArray[np.bool_], acts: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Process a tick; return the slots in which a history begins, and those in which it has a step, bool[B] each.
+        """Process a tick; return the slots with a hand-over, and those from the first one on, bool[B] each.
 
         :param state: EPISODE[B]; on_frame: bool[B], where policies may act; acts: bool[B], where they do.
         """
         now = np.stack([state[name].astype(np.int64) for name in ("scenario", "episode", "frame")], axis=1)
         other = (now[:, :2] != self._episode[:, :2]).any(axis=1) | (now[:, 2] <= self._episode[:, 2])
-        self._begun[other & on_frame] = False
-        begins = acts & ~self._begun
+        new = other & on_frame
+        self._begun[new] = self._acted[new] = False
+        first, handed_over = acts & ~self._begun, acts & ~self._acted
         self._begun |= acts
         steps = on_frame & self._begun
-        self.driven = steps & ~begins & ~self._acted
         motion = motion_of(state)
         _change(self._motion, motion, self.done)
+        self.done[:, new] = 0.0
         self.step[steps] += 1
-        self.step[begins] = 0
+        self.step[first] = 0
         self._episode[on_frame], self._acted[on_frame], self._motion[on_frame] = (
             now[on_frame],
             acts[on_frame],
             motion[on_frame],
         )
-        return begins, steps
+        return handed_over, steps
 
 
 def motion_of(state: NDArray[np.void]) -> NDArray[np.float64]:

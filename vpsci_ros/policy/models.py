@@ -40,12 +40,12 @@ def network_of(name: str, network: NetworkConfig) -> NetworkConfig:
     return replace(network, encoder=SST if MODELS.find(name).layer is SSTLayer else name)
 
 
-def make_actor(config: NetworkConfig) -> Actor:
-    """Return an untrained actor of `config.encoder`.
+def make_actor(config: NetworkConfig, fading: float = 0.0) -> Actor:
+    """Return an untrained actor of `config.encoder`; `fading` as of `Actor`.
 
     :raises InvalidInput: no network has this name.
     """
-    return Actor(config, MODELS.find(config.encoder).layer)
+    return Actor(config, fading, MODELS.find(config.encoder).layer)
 
 
 def tensor_shapes(config: NetworkConfig) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]]]:

@@ -21,8 +21,6 @@ def encoder_shapes(config: NetworkConfig) -> Shapes:
         "observation.bias": (width,),
         "action.weight": (width, ACTION_SIZE),
     }
-    if config.risk_input:
-        shapes["risk.weight"] = (width, 1)
     for i in range(config.layers):
         layer: Shapes = dict.fromkeys(("decay_logit", "skip", "norm.weight", "norm.bias"), (width,))
         layer |= {f"{name}.weight": (width, width) for name in ("input", "query", "key", "attended", "readout")}
@@ -35,7 +33,7 @@ def actor_shapes(config: NetworkConfig) -> Shapes:
     """Return names and shapes of the tensors of one actor."""
     if config.encoder != SST:
         return _built(config)[0]
-    shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
+    shapes = {"fading": (1,)} | {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
     return shapes | _dense("head", [config.hidden, *ACTOR_HIDDEN, ACTION_SIZE])
 
 

@@ -9,14 +9,13 @@ One layer, for the width d and the heads of Table 8:
   its slice of h_i, and W_o mixes the heads: the paper names no other projection, and B has mixed the state already.
 - The gate of (4), "when CurvTTC < 5 s this mechanism prioritizes features contributing to imminent risk": every head
   adds g * clip(1 - CurvTTC_i / 5 s, 0, 1) to the logit of step i, g learned. At or above 5 s the gate is exactly zero.
-- With `risk_input` the same risk enters with the observation, too, through a linear map: attention can only choose what
-  to look at, and what to do about a danger depends on how near it is.
 - The layer returns LayerNorm(x_t + y_t + W_o attention_t).
 
 State and attention's memory run through the whole history: one more step costs O(1) (`vpsci_ros.policy.streaming`).
 """
 
 import math
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, cast
 
@@ -55,6 +54,17 @@ class EncoderLayer(nn.Module):
         """Return entry `step`, int64[B], of what `forward` returns, float32[B, 1, hidden]."""
         return entry(self.forward(x, risks), step)
 
+    def next(self, x: Tensor, risks: Tensor, memory: tuple[Tensor, ...] | None) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """Return the output of one more step, float32[B, hidden], and the memory of it and all earlier steps.
+
+        :param x: float32[B, hidden]; risks: float32[B]; memory: of the earlier steps, None: there are none.
+        """
+        seen = [x[:, None], risks[:, None]]
+        if memory is not None:
+            seen = [torch.cat([before, now], dim=1) for before, now in zip(memory, seen, strict=True)]
+        last = torch.full((len(x),), seen[0].shape[1] - 1)
+        return self.at(seen[0], seen[1], last)[:, 0], tuple(seen)
+
 
 class SSTLayer(EncoderLayer):
     """One state-space Transformer layer; see the module's docstring."""
@@ -89,6 +99,20 @@ class SSTLayer(EncoderLayer):
         h = self._states(x)
         return self._output(entry(x, step), entry(h, step), h, risks, step[:, None])
 
+    def next(self, x: Tensor, risks: Tensor, memory: tuple[Tensor, ...] | None) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """Return the layer's output at one more step and its memory, see `EncoderLayer.next`, at a cost of O(1)."""
+        a = self.decay()
+        h = self.input(x) * torch.sqrt(1.0 - a * a)
+        h = h if memory is None else h + a * memory[1][:, -1]
+        seen = [self.key(h)[:, None], h[:, None], risks[:, None]]
+        if memory is not None:
+            seen = [torch.cat([m, now], dim=1)[:, -self.window :] for m, now in zip(memory, seen, strict=True)]
+        keys, states, gates = seen
+        newest = torch.tensor([[states.shape[1] - 1]])
+        context = self._attend(self.query(h)[:, None], keys, states, gates, newest)[:, 0]
+        out: Tensor = self.norm(x + self.readout(h) + self.skip * x + self.attended(context))
+        return out, (keys, states, gates)
+
     def _states(self, x: Tensor) -> Tensor:
         """Return h of (3), float32[B, T, hidden]."""
         a = self.decay()
@@ -118,8 +142,8 @@ class SSTLayer(EncoderLayer):
 class SSTEncoder(nn.Module):
     """Encodes a history H(t) = (O(1), A(1), ..., A(t-1), O(t)) of one agent (Algorithm 1).
 
-    The observation, normalised by fixed statistics, the agent's own action of the step before and, with `risk_input`,
-    the risk enter through one linear layer each; their sum is x_t of (3). Before the first step the action is zero.
+    The observation, normalised by fixed statistics, and the agent's own action of the step before enter through one
+    linear layer each; their sum is x_t of (3).
 
     :param layer: class of its `config.layers` layers.
     """
@@ -134,17 +158,16 @@ class SSTEncoder(nn.Module):
         self.register_buffer("observation_scale", torch.ones(OBSERVATION_SIZE))
         self.observation = nn.Linear(OBSERVATION_SIZE, config.hidden)
         self.action = nn.Linear(ACTION_SIZE, config.hidden, bias=False)
-        self.risk = nn.Linear(1, config.hidden, bias=False) if config.risk_input else None
         self.layers = nn.ModuleList(layer(config) for _ in range(config.layers))
 
-    def embed(self, observation: Tensor, action_before: Tensor, risks: Tensor) -> Tensor:
+    def embed(self, observation: Tensor, action_before: Tensor) -> Tensor:
         """Return the embedded inputs x_t, float32[..., hidden].
 
-        :param observation: [..., 6]; action_before: [..., 2] [m/s2]; risks: [...], `risk` of CurvTTC.
+        :param observation: [..., 6]; action_before: [..., 2] [m/s2].
         """
         scaled = (observation - self.observation_mean) / self.observation_scale
         x: Tensor = self.observation(scaled.clamp(-NORMALISED_LIMIT, NORMALISED_LIMIT)) + self.action(action_before)
-        return x if self.risk is None else x + self.risk(risks[..., None])
+        return x
 
     def forward(
         self, observation: Tensor, action_before: Tensor, curvttc: Tensor, step: Tensor | None = None
@@ -152,17 +175,41 @@ class SSTEncoder(nn.Module):
         """Return the encoding of whole histories, at every step or at `step`.
 
         :param observation: float32[B, T, 6], equation (6) or (7).
-        :param action_before: float32[B, T, 2], the agent's executed action of step t - 1 [m/s2]; zero at t = 0.
+        :param action_before: float32[B, T, 2], the agent's executed action of step t - 1 [m/s2]; at t = 0 the
+            acceleration with which it came.
         :param curvttc: float32[B, T] [s].
         :param step: int64[B], the one entry wanted of each history; None: all.
         :returns: float32[B, T, hidden], with `step` float32[B, 1, hidden]; entry t knows steps 0 to t only.
         """
         risks = risk(curvttc)
-        x = self.embed(observation, action_before, risks)
+        x = self.embed(observation, action_before)
         *before, last = cast(list[EncoderLayer], list(self.layers))
         for layer in before:
             x = layer(x, risks)
         return last(x, risks) if step is None else last.at(x, risks, step)
+
+    def next(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, memory: "Memory") -> Tensor:
+        """Return the encoding of one more step of B histories, float32[B, hidden], and take it into their memory.
+
+        :param observation, action_before, curvttc: [B, 6], [B, 2] and [B], as for `forward`.
+        :param memory: of all earlier steps; for the first step a new one.
+        """
+        risks, x = risk(curvttc), self.embed(observation, action_before)
+        memory.begin(len(self.layers))
+        for i, layer in enumerate(cast(list[EncoderLayer], list(self.layers))):
+            x, memory.layers[i] = layer.next(x, risks, memory.layers[i])
+        return x
+
+
+@dataclass
+class Memory:
+    """What an encoder remembers of B histories: for each layer, what its `next` returned at the step before."""
+
+    layers: list[tuple[Tensor, ...] | None] = field(default_factory=list)
+
+    def begin(self, layers: int) -> None:
+        """Make room for so many layers, at the first step."""
+        self.layers = self.layers or [None] * layers
 
 
 def entry(values: Tensor, step: Tensor) -> Tensor:

@@ -64,7 +64,7 @@ class SteppedActor:
         actions, rows = np.zeros((self.capacity, ACTION_SIZE), np.float32), np.flatnonzero(active)
         if rows.size == 0:
             return actions
-        self._taken[reset & active], self._before[reset & active] = 0, 0.0
+        self._taken[reset & active] = 0
         if self._taken[rows].max() == self._seen.shape[1]:
             self._seen = np.concatenate([self._seen, np.zeros_like(self._seen)], axis=1)
         new = observation[rows], self._before[rows], np.asarray(curvttc, np.float32)[rows, None]

@@ -42,7 +42,7 @@ class StreamingActor:
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
-        self._inputs = OBSERVATION_SIZE + ACTION_SIZE + network.risk_input
+        self._inputs = OBSERVATION_SIZE + ACTION_SIZE
         self._work = np.empty((6, ROWS, width), np.float32)
         self.load(weights)
 
@@ -56,6 +56,7 @@ class StreamingActor:
         names = "encoder.observation_mean", "encoder.observation_scale"
         self._scaling = tuple(weights.tensors[name].copy() for name in names)
         self._parameters = _kernel_parameters(weights)
+        self._fading = weights.tensors["fading"][0]
 
     def step(
         self,
@@ -68,7 +69,8 @@ class StreamingActor:
 
         :param observation: float32[B, 6], equation (6) or (7), in the vehicle's heading frame.
         :param curvttc: float64[B] [s]; infinity for none.
-        :param reset: bool[B]: the history begins with this step; read where active.
+        :param reset: bool[B]: the history begins with this step, after the action that `executed` had last, or none;
+            read where active.
         :param active: bool[B]: rows that take a step; all others keep their history untouched.
         :raises InvalidInput: wrong shapes, or an active observation or CurvTTC that is not a number.
         """
@@ -91,13 +93,16 @@ class StreamingActor:
             )
         limit = np.float32(self._network.action_limit)
         memory = (self._states, self._keys, self._values, self._risks, self._counts, self._window)
-        step_slots(rows, inputs, risks, *self._parameters, limit, *memory, self._work, self._action, actions)
+        step_slots(
+            rows, inputs, risks, *self._parameters, self._fading, limit, *memory, self._work, self._action, actions
+        )
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
         """Append the executed actions [m/s2], float32[B, 2], to the histories where `active`.
 
-        Without this call, histories contain the actions that `step` returned.
+        Without this call, histories contain the actions that `step` returned. Before a history begins, the acceleration
+        with which the agent comes.
         """
         np.copyto(self._action, action, where=active[:, None])
 
@@ -105,7 +110,7 @@ class StreamingActor:
 def _kernel_parameters(weights: Weights) -> tuple[Any, ...]:
     """Return `entry, layers, head` of `step_slots`: transposed and stacked."""
     network, tensors = weights.network, weights.tensors
-    inputs = ["observation", "action", *(["risk"] if network.risk_input else [])]
+    inputs = ["observation", "action"]
 
     def dense(name: str) -> NDArray[np.float32]:
         return np.ascontiguousarray(tensors[f"{name}.weight"].T)

@@ -165,12 +165,12 @@ def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, 
 
     :param rows: int64[n]; observation: float32[B, 6]; curvttc: float64[B] [s]; reset: bool[B]; scaling: mean and scale
         of observations, float32[6] each; action: float32[B, 2], the last one [m/s2].
-    :param inputs: float32[n, I], normalised observation, action before and, where the network has it, risk.
+    :param inputs: float32[n, I], normalised observation and action before.
     :param risks: float32[n].
     :returns: the first of `rows` with an observation or CurvTTC that is not a number, and nothing is written; else -1.
     """
     mean, scale = scaling
-    size, width = mean.size, mean.size + action.shape[1]
+    size = mean.size
     for i in rows:
         known = not math.isnan(curvttc[i])
         for k in range(size):
@@ -181,7 +181,6 @@ def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, 
         i = rows[n]
         if reset[i]:
             counts[i] = 0
-            action[i, 0] = action[i, 1] = 0.0
             for layer in range(states.shape[1]):
                 for k in range(states.shape[2]):
                     states[i, layer, k] = 0.0
@@ -190,8 +189,6 @@ def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, 
         inputs[n, size], inputs[n, size + 1] = action[i, 0], action[i, 1]
         risk = _ONE - np.float32(curvttc[i]) / _CRITICAL_TTC
         risks[n] = min(max(risk, np.float32(0.0)), _ONE)
-        if inputs.shape[1] > width:
-            inputs[n, width] = risks[n]
     return -1
 
 
@@ -203,6 +200,7 @@ def step_slots(  # type: ignore[no-untyped-def]
     entry,
     layers,
     head,
+    fading,
     limit,
     states,
     keys,
@@ -216,10 +214,11 @@ def step_slots(  # type: ignore[no-untyped-def]
 ):
     """Advance `slots.size` rows by one step, in blocks of the size of `work`, so that a block stays in the cache.
 
-    :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
-        the network has it, risk; risks: float32[n].
+    :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation and action before; risks:
+        float32[n].
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: three (w, b).
+    :param fading: share of the action before that is added; limit: of the sum [m/s2].
     :param states: float32[slot, L, hidden]; keys: float32[slot, L, hidden, window]; values: float32[slot, L, window,
         hidden]; seen: float32[slot, window], risks; counts: int64[slot], steps taken; all move on by one step.
     :param work: float32[6, R, hidden] scratch; action, out: float32[slot, 2], both get the clipped actions [m/s2].
@@ -286,7 +285,7 @@ def step_slots(  # type: ignore[no-untyped-def]
         for i in range(n):
             slot = own[i]
             for j in range(out.shape[1]):
-                action[slot, j] = out[slot, j] = min(max(answer[i, j], -limit), limit)
+                action[slot, j] = out[slot, j] = min(max(fma(fading, action[slot, j], answer[i, j]), -limit), limit)
 
 
 @kernel

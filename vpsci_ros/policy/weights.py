@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
@@ -25,11 +24,7 @@ from vpsci_ros.policy.tensor_file import Tensors, digest_of, read_bytes, read_te
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world.observation import AGENTS
 
-FORMAT = "vpsci-ma-sst-ddpg 1"
-RETIRED: dict[str, Any] = {  # parameters of networks in earlier files, always so
-    "carry_state": True, "latent": 0, "residuals": False, "tracked_steps": 0,
-    "actor_hidden": [64, 64], "critic_hidden": [64, 64], "critic_state": 16, "critic_action": 16,
-}  # fmt: skip
+FORMAT = "vpsci-ma-sst-ddpg 2"
 
 
 @dataclass(frozen=True)
@@ -85,14 +80,7 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
     configuration = facts.pop("configuration", None)
     if not isinstance(configuration, dict) or not isinstance(configuration.get("NetworkConfig"), dict):
         raise InvalidInput(f"{where}: damaged weights file: no configuration in the metadata; copy or train it again")
-    values = {name: value for name, value in configuration["NetworkConfig"].items() if RETIRED.get(name, ...) != value}
-    key_dimension = values.pop("key_dimension", None)  # of earlier files
-    network = build(NetworkConfig, values, f"{where}, configuration")
-    if key_dimension not in (None, network.hidden // network.heads):
-        raise InvalidInput(
-            f"{where}, configuration: key_dimension = {shown(key_dimension)}: expected hidden / heads, "
-            f"{network.hidden // network.heads}"
-        )
+    network = build(NetworkConfig, configuration["NetworkConfig"], f"{where}, configuration")
     _check(tensors, network, where)
     return Weights(network, tensors, configuration, facts)
 

@@ -10,6 +10,9 @@ from vpsci_ros.world.observation import STEP
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
 SPAWNS = ("right_turns", "human", "paper", "mixed")
+# the rules of section 3.2 that even episodes of a `mixed` world have: the gain of (21)-(24), and in seconds the end of
+# an episode and the time without danger to the hand-back ("overridden upon activation"); nothing but (18) steers
+PAPERS_GAIN, PAPERS_TIME, PAPERS_RELEASE = 0.5, 10.0, 0.5
 PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
 
 
@@ -38,7 +41,8 @@ class WorldConfig:
         "right_turns",
         "initial motion of both agents; right_turns: of recorded right turns; human: of recordings on a campus; "
         "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: paper in episodes with even "
-        "numbers, right_turns in the others",
+        "numbers, also in its rules (10 s, release_time 0.5, pedestrian_gain 0.5, no lane_following), and right_turns "
+        "by the parameters given in the others",
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(

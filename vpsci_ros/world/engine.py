@@ -12,6 +12,7 @@ from vpsci_ros.world.drivers.social_force import keep_apart
 from vpsci_ros.world.handover import update
 from vpsci_ros.world.motion import move_pedestrian, move_vehicle
 from vpsci_ros.world.paths import project
+from vpsci_ros.world.spawns import limit_of, release_of
 from vpsci_ros.world.state import (
     COLLISION,
     ENDED,
@@ -40,7 +41,7 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
     else:
         events |= 1 << SAFETY_MISSING
     acts = answers.acts[i]
-    kind = update(episode, critical, answers.policy_frame[i], acts, settings.release_ticks)
+    kind = update(episode, critical, answers.policy_frame[i], acts, release_of(settings, episode))
     if kind:
         events |= 1 << kind
     if acts:
@@ -148,7 +149,7 @@ def _arrive(state, first, count, before, tables, settings):  # type: ignore[no-u
         return COLLISION
     if arrived:
         return GOAL
-    return TIMEOUT if leader.frame >= settings.episode_ticks else NONE
+    return TIMEOUT if leader.frame >= limit_of(settings, leader) else NONE
 
 
 @kernel

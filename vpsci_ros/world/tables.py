@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world.calibration import TURNING_DECELERATION, mirrored, right_turns
-from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, SPAWNS, VEHICLE_DRIVERS, WorldConfig
+from vpsci_ros.world.config import (
+    PAPERS_RELEASE,
+    PAPERS_TIME,
+    PEDESTRIAN_DRIVERS,
+    SPAWNS,
+    VEHICLE_DRIVERS,
+    WorldConfig,
+)
 from vpsci_ros.world.crowd import Crowd
 from vpsci_ros.world.lane_driving import comfortable_speeds
 from vpsci_ros.world.paths import Path
@@ -62,6 +69,8 @@ class Settings(NamedTuple):
     policy_ticks: int  # from one action of the policies to the next
     episode_ticks: int  # of the longest episode
     release_ticks: int  # without danger, after which control is given back
+    papers_ticks: int  # `episode_ticks` by the rules of section 3.2, for the half of a mixed world
+    papers_release_ticks: int  # `release_ticks` by these
     vehicle_driver: int  # index in VEHICLE_DRIVERS
     pedestrian_driver: int  # index in PEDESTRIAN_DRIVERS
     pedestrian_gain: float  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
@@ -99,6 +108,8 @@ def settings_from(config: WorldConfig) -> Settings:
         policy_ticks=config.policy_ticks,
         episode_ticks=config.episode_ticks,
         release_ticks=config.release_ticks,
+        papers_ticks=round(PAPERS_TIME / config.tick),
+        papers_release_ticks=round(PAPERS_RELEASE / config.tick),
         vehicle_driver=VEHICLE_DRIVERS.index(config.vehicle_driver),
         pedestrian_driver=PEDESTRIAN_DRIVERS.index(config.pedestrian_driver),
         pedestrian_gain=config.pedestrian_gain,

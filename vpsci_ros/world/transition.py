@@ -3,6 +3,7 @@
 import numpy as np
 
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
+from vpsci_ros.world.road import LANE_POINTS
 
 TRANSITION = np.dtype(
     [
@@ -13,6 +14,15 @@ TRANSITION = np.dtype(
         ("curvttc", "f4"),
         ("vehicle_observation", "f4", OBSERVATION_SIZE),
         ("pedestrian_observation", "f4", OBSERVATION_SIZE),
+        ("vehicle_came", "f4", ACTION_SIZE),
+        ("pedestrian_came", "f4", ACTION_SIZE),
+        ("lane", "f4", 2 * LANE_POINTS),
+        ("way", "f4", 2),
+        ("wanted", "f4", 2),
+        ("release", "f4"),
+        ("pedestrian_gain", "f4"),
+        ("keeps_lane", "u1"),
+        ("limited", "u1"),
         ("vehicle_action", "f4", ACTION_SIZE),
         ("pedestrian_action", "f4", ACTION_SIZE),
         ("acting", "u1"),
@@ -29,6 +39,10 @@ TRANSITION = np.dtype(
     ]
 )
 """A transition, with the fields of `vpsci_msgs/Transition`; `number` counts transitions without gaps.
+
+With `vehicle_came` and `pedestrian_came` [m/s2] the agents have moved since the policy frame before. `lane`, `way`,
+`wanted`, `release`, `pedestrian_gain`, `keeps_lane` and `limited` are those of `road.Road`: a learner can continue the
+motion itself.
 
 The `next_` fields are zero except in the last transition of a history: the next transition holds them elsewhere.
 """

@@ -4,14 +4,14 @@ from vpsci_ros.world import kinematics
 from vpsci_ros.world.calibration import limited
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.observation import from_heading_frame
-from vpsci_ros.world.spawns import as_recorded
+from vpsci_ros.world.spawns import as_recorded, gain_of, keeps_lane
 
 
 @inlined
 def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
     """Return (steer, throttle, brake) of the vehicle's policy; `keeping` [1/m] is the curvature that keeps the lane."""
     speed, along, left = episode.vehicle_speed, episode.vehicle_long, episode.vehicle_lat
-    if settings.lane_following:
+    if keeps_lane(settings, episode):
         left += keeping * speed * speed
     if as_recorded(settings.spawn, episode):
         along = limited(along, episode.vehicle_acceleration, settings.period)
@@ -23,4 +23,5 @@ def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
 def pedestrian(episode, settings):  # type: ignore[no-untyped-def]
     """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy in the map frame, times the gain."""
     ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
-    return settings.pedestrian_gain * ax, settings.pedestrian_gain * ay
+    gain = gain_of(settings, episode)
+    return gain * ax, gain * ay

@@ -1,6 +1,7 @@
 """The spawns: where vehicle and pedestrians are as an episode begins, a file for each name in `SPAWNS`.
 
-`mixed` has no file: it is the paper's in even episodes of a scenario and that of right turns in odd ones.
+`mixed` has no file: it is the paper's in even episodes of a scenario and that of right turns in odd ones. Its even
+episodes have the rules of section 3.2 (`config.PAPERS_GAIN` and beside it), the odd ones those of the configuration.
 
 A spawn has three functions of EPISODE records. `begin` draws the vehicle and the first pedestrian and returns the time
 [s] that the car needs to the crossing; `join` draws a further pedestrian, by that time; `put` puts a pedestrian at an
@@ -8,7 +9,7 @@ arc length of its route [m]. The functions here call those of the spawn with ind
 """
 
 from vpsci_ros.world.compiled import inlined, kernel
-from vpsci_ros.world.config import SPAWNS
+from vpsci_ros.world.config import PAPERS_GAIN, SPAWNS
 from vpsci_ros.world.spawns import human, paper, right_turns
 
 RIGHT_TURNS, HUMAN, PAPER, MIXED = (SPAWNS.index(name) for name in ("right_turns", "human", "paper", "mixed"))
@@ -26,6 +27,36 @@ def spawn_of(which, episode):  # type: ignore[no-untyped-def]
 def as_recorded(which, episode):  # type: ignore[no-untyped-def]
     """Whether driver and walker of this EPISODE record approach each other as recorded people do."""
     return spawn_of(which, episode) != PAPER
+
+
+@inlined
+def by_papers_rules(settings, episode):  # type: ignore[no-untyped-def]
+    """Whether this EPISODE record of a mixed world has the rules of section 3.2."""
+    return settings.spawn == MIXED and episode.episode % 2 == 0
+
+
+@inlined
+def gain_of(settings, episode):  # type: ignore[no-untyped-def]
+    """Return the share of a policy's acceleration that this EPISODE record's pedestrian executes, (21)-(24)."""
+    return PAPERS_GAIN if by_papers_rules(settings, episode) else settings.pedestrian_gain
+
+
+@inlined
+def keeps_lane(settings, episode):  # type: ignore[no-untyped-def]
+    """Whether the acceleration that keeps the lane is added to that of a policy's vehicle."""
+    return settings.lane_following and not by_papers_rules(settings, episode)
+
+
+@inlined
+def limit_of(settings, episode):  # type: ignore[no-untyped-def]
+    """Return the ticks after which this EPISODE record times out."""
+    return settings.papers_ticks if by_papers_rules(settings, episode) else settings.episode_ticks
+
+
+@inlined
+def release_of(settings, episode):  # type: ignore[no-untyped-def]
+    """Return the ticks without danger after which control is given back."""
+    return settings.papers_release_ticks if by_papers_rules(settings, episode) else settings.release_ticks
 
 
 @kernel

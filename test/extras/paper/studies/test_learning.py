@@ -20,7 +20,6 @@ from vpsci_ros.world.observation import AGENTS
 SMALL = NetworkConfig(hidden=16, heads=2)
 STAGE_1 = PretrainConfig(
     episodes=3,
-    held_out_fraction=0.3,
     replay=ReplayConfig(batch_size=10),
 )
 EXPLORING = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=4))

@@ -46,7 +46,7 @@ def test_reinforcement_brings_an_actor_that_errs_nearer_to_the_recorded_speeds(i
     name = "ma_ddpg"
     config = PretrainConfig(
         episodes=150,
-        rewards=SpeedRewardsConfig(exploration=1.0, least_speed_deviation=0.9),
+        rewards=SpeedRewardsConfig(least_speed_deviation=0.9),
         updates=UpdatesConfig(3e-3, 5e-3, target_update_rate=0.1, discount=0.0),
         replay=ReplayConfig(batch_size=128),
     )
@@ -60,7 +60,11 @@ def test_reinforcement_brings_an_actor_that_errs_nearer_to_the_recorded_speeds(i
     for agent in AGENTS:
         errors = []
         for networks in (start, learned):
-            seen = batch.observation[agent][:, :-1], previous(batch.action[agent]), batch.curvttc[:, :-1]
+            seen = (
+                batch.observation[agent][:, :-1],
+                previous(batch.action[agent], batch.came[agent]),
+                batch.curvttc[:, :-1],
+            )
             with torch.no_grad():
                 apart = networks.actor[agent](*seen) - batch.action[agent]
             errors.append(float(apart[batch.present].abs().mean()))

@@ -14,6 +14,7 @@ import polars as pl
 
 from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.evaluation.errors import compare
+from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure
 from vpsci_ros.extras.paper.studies.folds import held_out_folds, pooled
@@ -31,7 +32,6 @@ from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.workers import HERE, Site
 
 RESULT = "cross_validation.json"
-GUARD = 0.1  # share of near misses, by whole clips
 PRETRAINED, REFINED = "pretrained", "refined"
 
 
@@ -39,8 +39,7 @@ PRETRAINED, REFINED = "pretrained", "refined"
 class Refinement:
     """Configuration of stage 2 in every fold, for `vpsci_ros.learning.online.refine`.
 
-    What guards against forgetting is `GUARD` of the fold's own clips instead of `held_out_fraction`, since the
-    clips held out are for measuring alone.
+    What guards against forgetting is a fifth of the fold's own clips, since the clips held out are for measuring alone.
     """
 
     config: RefineConfig
@@ -84,7 +83,7 @@ def cross_validate(
     """
     parts, together = held_out_folds(near_misses, folds, seed)
     out_dir = Path(out_dir)
-    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
+    config = replace(config, held_out_clips=[NO_CLIPS])
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     learner = _Learner([table for table, _ in parts], config, network, seed, refinement, identity)
     todo = [number for number in range(1, folds + 1) if not learner.is_finished(out_dir, number)]
@@ -140,7 +139,7 @@ class _Learner:
 def _refined(training: pl.DataFrame, refinement: Refinement, start: Weights, folder: Path, report: Report) -> Weights:
     """Return the weights of stage 2 on a fold's own clips, from those of its stage 1."""
     once(folder, refinement.identity() | {"weights": start.digest()}, dict)
-    config, seed = replace(refinement.config, held_out_fraction=GUARD), refinement.learner_seed
+    config, seed = refinement.config, refinement.learner_seed
     train = partial(
         online.refine, training, config, start, refinement.simulation, learner_seed=seed, out_dir=folder, report=report
     )

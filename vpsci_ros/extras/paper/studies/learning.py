@@ -15,9 +15,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_table
-from vpsci_ros.data.near_misses import split_by_clip, table_hash
+from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
+from vpsci_ros.evaluation.held_out import NO_CLIPS, HeldOut, held_out_by, split_as_before
 from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
@@ -55,7 +55,7 @@ def sample_size_study(
 ) -> pl.DataFrame:
     """Train stage 1 on subsets of the near misses (Table 3); return and write `table_3.csv`, the control as last row.
 
-    The same whole clips are held out for all sizes (`config.held_out_fraction`), and a subset of n holds the first n
+    The same whole clips are held out for all sizes (`config.held_out_clips`), and a subset of n holds the first n
     interactions of one random order, so smaller ones are parts of larger ones. The order ends with the held-out
     interactions: a size that needs them has no held-out errors.
 
@@ -68,16 +68,14 @@ def sample_size_study(
     :param report: called with the configuration's name (the size) and what `pretrain` reports.
     :raises InvalidInput: a size is not from 2 to the number of interactions, or `out_dir` holds another study.
     """
-    pool, kept_out = near_misses, near_misses.head(0)
-    if config.held_out_fraction > 0:
-        pool, kept_out = split_by_clip(near_misses, config.held_out_fraction, seed)
+    pool, kept_out = held_out_by(near_misses, config.held_out_clips)
     rng = np.random.default_rng(seed)
     numbers = (part["interaction"].unique().sort().to_numpy() for part in (pool, kept_out))
     order = np.concatenate([rng.permutation(part) for part in numbers])
     for size in sizes:
         if not 2 <= size <= len(order):
             raise InvalidInput(f"sizes: expected 2 to {len(order)} interactions, as the near misses hold, got {size}")
-    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
+    config = replace(config, held_out_clips=[NO_CLIPS])
     deviation = _deviation(from_table(near_misses), config.rewards.least_speed_deviation)
     rewards = partial(_held_out_rewards, deviation, config.rewards.speed_scaling)
     held_out = HeldOut(kept_out) if kept_out.height else None
@@ -170,7 +168,7 @@ def reward_weight_study(
     for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
         done = once(out_dir / name, identity, partial(measured, model))
         rows.append({"weights": name} | done | errors[error])
-    _, held_out = split_as_before(near_misses, weights, config.held_out_fraction, learner_seed)
+    _, held_out = split_as_before(near_misses, weights)
     rows.append({"weights": FADING} | HeldOut(held_out).fading)
     return _written(rows, out_dir / "table_5.csv")
 

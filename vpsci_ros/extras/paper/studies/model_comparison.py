@@ -16,7 +16,7 @@ import polars as pl
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.studies.cross_validation import GUARD
+from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, shares_of_ends
 from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train
@@ -75,7 +75,7 @@ def compare_models(
         )
     parts, together = held_out_folds(near_misses, folds, seed)
     measuring, out_dir = Measuring(together, near_misses, seed), Path(out_dir)
-    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
+    config = replace(config, held_out_clips=[NO_CLIPS])
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     data_driven: dict[str, Pooled] = {}
     refined: dict[str, Pooled] = {}
@@ -193,7 +193,6 @@ class _Run:
             own = replace(
                 refinement.config,
                 objective=MODELS.find(self.name).learning,
-                held_out_fraction=GUARD,
             )
             began = time.process_time()
             online.refine(self.table, own, start, refinement.simulation, learner_seed=self.seed, out_dir=folder)
