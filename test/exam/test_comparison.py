@@ -30,7 +30,7 @@ from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
 
 SHORT = {"scenarios": [1], "episodes": 4, "episode_time": 2.0}
-EXAM = {"pedestrians": ["walker"], "baseline": False, "allow_standing": True}
+EXAM = {"pedestrians": ["walker"], "baseline": False, "allow_standing": True, "timing": "autopilot"}
 
 
 def exam(**world: Any) -> Exam:
@@ -84,7 +84,7 @@ def test_what_failed_before_and_does_not_now_is_fixed_and_the_other_way_round(ho
     assert summary.startswith("## my_driver:MyDriver: failed\n")
     key = (names[True] + names[False])[0]
     assert f"[walker {key}](view.html#a=ads-walker&b=autopilot-walker&episode={key})" in summary
-    assert "Against worse" in (tmp_path / "today" / "report.html").read_text()
+    assert "All changes against worse" in (tmp_path / "today" / "report.html").read_text()
 
 
 def rows(*failing: int) -> pl.DataFrame:
@@ -122,7 +122,8 @@ def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_wh
     criterion = {"criterion": "newly_failed > 0", "pedestrian": "walker", "value": 2.0, "failed": True,
                  "requirement": "SR-12"}  # fmt: skip
     report = {"exam": {"ads": "new.py"}, "failures": ["newly_failed > 0: 2"], "criteria": [criterion],
-              "conduct": {"walker": {"failure": ""}}, "against": verdict, "alone": {"arrived": 10, "of": 10},
+              "conduct": {"walker": {"failure": ""}}, "timing": None, "against": verdict,
+              "alone": {"arrived": 10, "of": 10},
               "drivers": {"ads": {"walker": {"episodes": 10, "arrived_rate": {"value": 0.9}}}}}  # fmt: skip
     write_verdict(tmp_path, report, rows(1, 4, 9), "")
     of = "vpsci ads-test.walker"
@@ -210,7 +211,7 @@ def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_cri
     row = {"collision_rate": half, "moving_collision_rate": half, "conflict_rate": half, "arrived_rate": half,
            "time_lost": {"value": None, "low": None, "high": None, "n": 0}}  # fmt: skip
     report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {"walker": {"failure": ""}},
-              "failure": "moving_collision", "alone": None,
+              "failure": "moving_collision", "alone": None, "timing": None,
               "drivers": {"ads": {"walker": {"episodes": 10} | row}}}  # fmt: skip
     write_verdict(tmp_path, report, rows(1, 4, 9), "view.html")
     assert cases(tmp_path / "junit.xml") == {
@@ -279,7 +280,15 @@ def test_a_baseline_without_an_episode_in_common_is_refused_and_a_pedestrian_wit
     assert not (tmp_path / "out").exists()
     none = compare(rows(1), Earlier(Path("out/old"), "old.py", rows(1).filter(pl.col("episode") > 10)), exam())
     assert (none["pedestrians"], none["not_compared"]) == ({}, ["walker"])
-    report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {}, "alone": None, "against": none}
+    report = {
+        "exam": {"ads": "new.py"},
+        "failures": [],
+        "criteria": [],
+        "conduct": {},
+        "alone": None,
+        "timing": None,
+        "against": none,
+    }
     write_summary(tmp_path, report, failing(report, rows(1)), "")
     said = "Not compared, for want of an episode in common: walker, does not react\n"
     assert said in (tmp_path / "summary.md").read_text()

@@ -144,7 +144,9 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, di
 
 def run_identity(exam: Exam, name: str, digest: str = "") -> dict[str, Any]:
     """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
-    own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
+    own: dict[str, Any] = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
+    if exam.head_starts:
+        own["head_starts"] = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes]
     return {**own, "exam_sha256": digest or exam_digest(exam)}
 
 

@@ -46,6 +46,8 @@ def title_of(pedestrian: str) -> str:
     return TITLES.get(pedestrian, pedestrian)
 
 
+OWN_TIMING, AUTOPILOTS_TIMING = "own", "autopilot"
+TIMINGS = (OWN_TIMING, AUTOPILOTS_TIMING)
 FAILURES = ("moving_collision", "collision", "conflict", "severe_conflict")
 """What counts as a failure: columns of the table of episodes."""
 
@@ -80,6 +82,12 @@ class ExamConfig:
     baseline: bool = parameter(True, "also drive the episodes with the rule-based autopilot, for comparison")
     fail_if: list[str] = parameter(
         [], "criteria that fail the exam, written as for --fail-if; --fail-if adds criteria to these"
+    )
+    timing: str = parameter(
+        OWN_TIMING,
+        "whose approach the pedestrians are timed to; own: the driving system's, by its drive on the empty road; "
+        "autopilot: that of the autopilot, for which episodes are drawn",
+        choices=TIMINGS,
     )
     allow_standing: bool = parameter(
         False, "true: a system that does not arrive on the empty road may pass the exam, as with --allow-standing"

@@ -49,6 +49,7 @@ class Exam:
     :ivar files: name -> SHA-256 of each file of the driving system.
     :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
         gets the log and the patience for an answer [s]. None: the system of `config` drives.
+    :ivar head_starts: (scenario, episode) -> head start of the pedestrians, and time straight on [s] (`exam.timing`).
     """
 
     sections: Sections
@@ -58,6 +59,7 @@ class Exam:
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
     driver: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
+    head_starts: Mapping[Key, tuple[float, float]] = dataclasses.field(default_factory=dict)
 
     @property
     def person(self) -> bool:
@@ -134,11 +136,17 @@ class Exam:
         return dataclasses.replace(self.sections.get(PolicyConfig, "pedestrian_policy"), agent=pedestrian)
 
     def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:
-        """Return the world's configuration with one of the pedestrians and this driver of the vehicle."""
+        """Return the world's configuration with one of the pedestrians and this driver of the vehicle.
+
+        A replayed pedestrian's head start is in its motion.
+        """
         driver = "policy" if pedestrian in added_pedestrians() else DRIVERS.get(pedestrian, "replay")
         world = dataclasses.replace(self.world, vehicle_driver=vehicle)
         if driver == "replay":  # of one person each
             world = dataclasses.replace(world, pedestrians=1, crowd=CrowdConfig())
+        elif self.head_starts:
+            starts = [(*key, *self.head_starts.get(key, (0.0, 0.0))) for key in self.episodes]
+            world = dataclasses.replace(world, head_starts=[float(number) for each in starts for number in each])
         return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> Motion:
@@ -146,7 +154,8 @@ class Exam:
         if pedestrian == ALONE:
             return absent_pedestrians(self.spawns())
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
-        return recorded_people(read_near_misses(path), self.spawns(), self.scenarios, world, self.run.seed, path)
+        people, seed = read_near_misses(path), self.run.seed
+        return recorded_people(people, self.spawns(), self.scenarios, world, seed, path, self.head_starts)
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
         """Return the states at the spawns of the exam's n episodes, EPISODE[n * P], with P pedestrians an episode."""

@@ -99,6 +99,8 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
     config = exam.with_pedestrian(name, "external")
     world: dict[str, Any] = {"vehicle_driver": "external", "pedestrian_driver": config.pedestrian_driver, "batch": 1}
     nodes = ["world_simulator", "safety_monitor", "recorder"]
+    if config.head_starts:
+        world["head_starts"] = list(config.head_starts)
     sections = exam.sections
     if config.pedestrian_driver == "policy":
         nodes.insert(2, "pedestrian_policy")

@@ -8,6 +8,7 @@ from vpsci_ros.exam.comparison import Failing
 from vpsci_ros.exam.config import ADS, BASELINE, title_of
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.scores import MEASURES
+from vpsci_ros.exam.timing import sentence
 from vpsci_ros.runs.files import write_text
 
 SUMMARY = "summary.md"
@@ -31,6 +32,7 @@ def _summary(report: Mapping[str, Any], failing: Failing, view: str) -> Iterator
     yield from [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
     if found := report["alone"]:
         yield from (f"On the empty road the system arrives in {found['arrived']} of {found['of']} episodes.", "")
+    yield from (sentence(report), "")
     yield from _changes(report["against"]) if "against" in report else _values(report, failing)
     for kind, title in _KINDS.items():
         links = [_link(view, name, key) for name, row in failing.items() for key in row.get(kind, [])]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
@@ -12,6 +13,7 @@ from vpsci_ros.data.episode import YIELDED, Episode, yields
 from vpsci_ros.data.parquet import Column, read_parquet
 from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
 from vpsci_ros.exam.result import RunResult, first_critical
+from vpsci_ros.exam.timing import Timing, hurried
 from vpsci_ros.policy.onset_range import range_of_episode
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION
@@ -49,6 +51,14 @@ COLUMNS: dict[str, Column] = {
     "hidden": Column(pl.Boolean, "", "parked vehicles hid the pedestrian when CurvTTC first fell below 5 s"),
     "kind": Column(pl.String, "", "kind of the pedestrian that became critical first; empty: none did"),
     "group_size": Column(pl.Int64, "", "pedestrians of the episode; 0: none became critical"),
+    "head_start": Column(
+        pl.Float64, "s", "by which its pedestrians are earlier than timed to the autopilot; NaN: not timed to the ADS"
+    ),
+    "hurried": Column(
+        pl.Float64,
+        "s",
+        "by which the ADS is earlier at the place of the encounter than alone; NaN: not timed, or never",
+    ),
     "unanswered": Column(pl.Int64, "ticks", "ticks without a usable command of the ADS: the autopilot drove"),
     "range": Column(
         pl.String,
@@ -56,7 +66,7 @@ COLUMNS: dict[str, Column] = {
         "pedestrian `learned`: 'beyond' the range of its recorded onsets as it becomes critical, or 'within'; else ''",
     ),
 }
-_OLDER = {"range": ""}  # what exams from before 26 November 2026 lack
+_OLDER = {"range": "", "head_start": math.nan, "hurried": math.nan}  # what exams from before 26 November 2026 lack
 
 
 def read_episode_table(folder: Path) -> pl.DataFrame:
@@ -88,10 +98,12 @@ def episode_table(
     driver: str,
     pedestrian: str,
     reach: Floats | None = None,
+    timing: Timing = MappingProxyType({}),
 ) -> pl.DataFrame:
     """Return a table of a run's episodes, a row each, with `COLUMNS`; missing frames repeat the last known one.
 
     :param alone: the same driver on the same episodes without pedestrians: the reference of the time lost.
+    :param timing: of the episodes, where it was set for this driver.
     :param reach: float64[4, 5], the range of the pedestrian's recorded onsets, see `vpsci_ros.policy.onset_range`.
     """
     reference = {episode.key: arrival(episode.filled()) for episode in alone}
@@ -107,6 +119,7 @@ def episode_table(
         departure, half = lane_departure(driven)
         there = arrival(driven)
         until = (len(speed) - 1) * period if there is None else there
+        timed = timing.get(episode.key)
         before = None if collided or crashed else reference.get(episode.key)
         rows.append(
             {
@@ -136,6 +149,8 @@ def episode_table(
                 "hidden": seen_of.hidden,
                 "kind": seen_of.kind,
                 "group_size": seen_of.pedestrians,
+                "head_start": timed.ahead if timed and timed.of else math.nan,
+                "hurried": hurried(timed, driven),
                 "unanswered": run.unanswered.get(episode.key, 0),
                 "range": range_of_episode(episode, reach),
             }

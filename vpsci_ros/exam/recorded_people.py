@@ -12,6 +12,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
@@ -62,6 +63,7 @@ def recorded_people(
     config: WorldConfig,
     seed: int,
     where: str = "near misses",
+    head_starts: Mapping[tuple[int, int], tuple[float, float]] = MappingProxyType({}),
 ) -> Motion:
     """Return the motion of recorded pedestrians in episodes with these spawns, EPISODE[n].
 
@@ -70,6 +72,7 @@ def recorded_people(
 
     :param near_misses: a near-miss table, see `vpsci_ros.data.near_misses`.
     :param where: what it comes from, the opening of the error message.
+    :param head_starts: (scenario, episode) -> times [s] by which together its person is earlier.
     :raises InvalidInput: not one of its pedestrians crosses the path of its vehicle.
     """
     parts = around_critical(near_misses).partition_by("interaction", maintain_order=True)
@@ -83,7 +86,7 @@ def recorded_people(
         key = int(begin["scenario"]), int(begin["episode"])
         place = numbers.index(key[0])
         person = people[order[(key[1] * len(numbers) + place) % len(people)]]
-        motion[key] = person.put(begin, scenarios[place], config)
+        motion[key] = person.put(begin, scenarios[place], config, sum(head_starts.get(key, (0.0,))))
     return motion
 
 
@@ -98,11 +101,11 @@ class _Person:
     def __init__(self, motion: Floats, crossing: float, from_left: bool) -> None:
         self._motion, self._crossing, self._from_left = motion, crossing, from_left
 
-    def put(self, begin: np.void, scenario: Scenario, config: WorldConfig) -> Floats:
-        """Return its motion in an episode of `scenario`, float64[ticks, 4]."""
+    def put(self, begin: np.void, scenario: Scenario, config: WorldConfig, head_start: float) -> Floats:
+        """Return its motion in an episode of `scenario`, float64[ticks, 4]; `head_start` [s]: how much earlier."""
         walk, lane = scenario.pedestrian, scenario.vehicle.path
         way = float(begin["walking_speed"])
-        arrival = float(begin["start_delay"]) + (walk.conflict - float(begin["pedestrian_s"])) / way
+        arrival = float(begin["start_delay"]) + (walk.conflict - float(begin["pedestrian_s"])) / way - head_start
         x, y = walk.path.beside(walk.conflict, float(begin["pedestrian_offset"]))
         heading = walk.path.heading(walk.conflict)
         turn = lane.heading(lane.locate(x, y)[0]) - heading

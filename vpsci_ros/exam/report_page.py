@@ -18,6 +18,7 @@ from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import FAILED_BEFORE, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES
+from vpsci_ros.exam.timing import sentence
 from vpsci_ros.exam.view import MARKS
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.report import html
@@ -188,6 +189,7 @@ def write_page(
         grouped=GROUPED,
         view=view,
         marks=set(MARKS),
+        timing=sentence(report),
         **values,
     )
 

@@ -6,6 +6,7 @@ report.html, summary.md, junit.xml, pictures, and view.html, in which the episod
 stopped exam: it reads the finished runs of the driving system, and runs the others and the baseline.
 """
 
+import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -17,7 +18,7 @@ from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ADS, ALONE, BASELINE
+from vpsci_ros.exam.config import ADS, ALONE, BASELINE, OWN_TIMING
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
@@ -27,6 +28,7 @@ from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
 from vpsci_ros.exam.report import make_report, standing
 from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import RunResult
+from vpsci_ros.exam.timing import Timing, head_starts, not_met, summary, timing_of
 from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.workers import HERE, Site, mixed
@@ -60,19 +62,22 @@ def run_exam(
     earlier = None if against is None else compared_with(exam, identity, against)
     take_folder(folder, identity)
 
-    runs = {ADS: run_with_all(exam, folder, exam.opponents, workers=workers, quiet=quiet)}
+    driven, timing = timed_runs(exam, folder, workers=workers, against=against, quiet=quiet)
+    runs = {ADS: driven}
     if exam.config.baseline:
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
         (folder / BASELINE).mkdir(exist_ok=True)
         for name in pedestrians:
             write_episodes(autopilot_file(folder, name), runs[BASELINE][name].episodes)
-    table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
+    table = pl.concat(_rows(exam, driver, runs[driver], timing if driver == ADS else {}) for driver in runs)
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
+    report["timing"] = summary(timing, table) if timing else None
     if earlier is not None:
         report["against"] = compare(table, earlier, exam)
     verdicts = check(parsed, report, pedestrians)
     failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
-    failures += [text for text in (standing(report),) if text and not exam.config.allow_standing]
+    stands = standing(report)
+    failures += [] if exam.config.allow_standing else [stands] if stands else not_met(report)
     failures += [sentence(verdict) for verdict in verdicts if verdict["failed"]]
     report = {"exam": identity, "failures": failures, "criteria": verdicts} | report
 
@@ -91,11 +96,40 @@ def run_exam(
     return failures
 
 
-def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFrame:
+def timed_runs(
+    exam: Exam, folder: Path, *, workers: Site = HERE, against: Path | None = None, quiet: bool
+) -> tuple[dict[str, RunResult], Timing]:
+    """Return the driving system's result on the empty road and with each pedestrian, and how episodes were timed.
+
+    :param against: folder of an earlier exam, whose timing is taken where it is nearly the same.
+    :raises VpsciError: a node has failed.
+    """
+    drive = partial(run_with_all, folder=folder, workers=workers, quiet=quiet)
+    if exam.person:
+        return drive(exam, pedestrians=exam.config.opponents), {}
+    runs = drive(exam, pedestrians=[ALONE])
+    timing: Timing = {}
+    if not runs[ALONE].episodes:
+        return runs, timing
+    if exam.config.timing == OWN_TIMING:
+        timing = timing_of(exam, runs[ALONE].episodes, folder, against)
+    timed = dataclasses.replace(exam, head_starts=head_starts(timing))
+    return runs | drive(timed, pedestrians=exam.config.opponents), timing
+
+
+def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult], timing: Timing) -> pl.DataFrame:
     """Return the table of a driver's episodes; the baseline's episodes on the empty road only serve as a reference."""
     names = [name for name in runs if driver == ADS or name != ALONE]
     alone = runs[ALONE].episodes if ALONE in runs else []
     return pl.concat(
-        episode_table(runs[name], alone, exam.config, driver=driver, pedestrian=name, reach=exam.reach(name))
+        episode_table(
+            runs[name],
+            alone,
+            exam.config,
+            driver=driver,
+            pedestrian=name,
+            reach=exam.reach(name),
+            timing={} if name == ALONE else timing,
+        )
         for name in names
     )

@@ -76,6 +76,11 @@ class WorldConfig:
     pedestrians: int = parameter(
         1, "largest number of pedestrians in an episode; each has its own row in the arrays", low=1, high=MOST
     )
+    head_starts: list[float] = parameter(
+        [],
+        "set by an exam; for each episode: scenario, number, time by which its pedestrians are ahead of the drawn ones "
+        "as it begins [s] (negative: behind), and time for which they have walked straight on since [s]",
+    )
     crowd: CrowdConfig = field(default_factory=CrowdConfig)
     kinds: KindMixture = field(default_factory=KindMixture)
 
@@ -86,6 +91,11 @@ class WorldConfig:
                 raise InvalidInput(
                     f"{what} = {time} s must be a whole multiple of tick = {self.tick} s, got {ratio:g} ticks"
                 )
+        if len(self.head_starts) % 4:
+            raise InvalidInput(
+                "head_starts must hold a scenario, a number and two times for each episode, got "
+                f"{len(self.head_starts)} values"
+            )
         if len(self.crowd.sizes) > self.pedestrians:
             raise InvalidInput(
                 f"crowd.sizes gives parts for up to {len(self.crowd.sizes)} pedestrians, but pedestrians = "

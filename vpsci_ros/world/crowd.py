@@ -143,7 +143,7 @@ def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
     for i in range(first + 1, first + count):
         follower = state[i]
         if follower.start_delay == math.inf and leader.pedestrian_s >= follower.pedestrian_s:
-            follower.start_delay = follower.frame * period + follower.follow_delay
+            follower.start_delay = follower.frame * period + follower.clock + follower.follow_delay
 
 
 @kernel

@@ -16,12 +16,16 @@ from vpsci_ros.world.crowd import (
     how_many,
     role_of,
     share_vehicle,
+    step_off,
     step_off_after,
     walk_along,
 )
+from vpsci_ros.world.drivers import walker
 from vpsci_ros.world.kinds import draw_kind
-from vpsci_ros.world.paths import nearest
+from vpsci_ros.world.motion import move_pedestrian
+from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.spawns import begin, join, put
+from vpsci_ros.world.spawns.approach import step_towards
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
 
 REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents
@@ -34,7 +38,7 @@ def _reset(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
     episode.pedestrian = pedestrian
     episode.kind = episode.role = episode.struck = 0
     episode.driver_onset = episode.walker_onset = 0
-    episode.follow_delay = episode.reaction_delay = 0.0
+    episode.follow_delay = episode.reaction_delay = episode.clock = 0.0
     episode.scenario, episode.episode, episode.table = row.number, number, table
     episode.status, episode.outcome = RUNNING, NONE
     episode.frame = episode.hold = episode.step = 0
@@ -94,10 +98,56 @@ def _join(state, first, i, seed, tables, crowd, which, drives):  # type: ignore[
 
 
 @kernel
-def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, recording_of, settings, crowd, bits):  # type: ignore[no-untyped-def]
+def _give_head_start(state, first, count, tables, settings, ticks, straight):  # type: ignore[no-untyped-def]
+    """Put the pedestrians in `count` rows of EPISODE[B] from `first` on where they are `ticks` later than drawn.
+
+    They have walked as walkers do, and then straight on for `straight` [s]. With negative `ticks` they come from where
+    their velocity brings them to the drawn place in time.
+    """
+    for tick in range(max(0, ticks)):
+        step_off(state, first, count, settings.period)
+        for i in range(first, first + count):
+            ax, ay, smooth = walker.pedestrian(state[i], tables, settings)
+            if smooth:
+                ax, ay = step_towards(state[i], ax, ay, settings.period)
+            state[i].clock = (tick + 1) * settings.period
+            move_pedestrian(state[i], ax, ay, settings)
+            _project(state[i], tables)
+    if ticks < 0:
+        for i in range(first, first + count):
+            state[i].clock = ticks * settings.period
+            state[i].pedestrian_x += state[i].clock * state[i].pedestrian_vx
+            state[i].pedestrian_y += state[i].clock * state[i].pedestrian_vy
+            _project(state[i], tables)
+    for i in range(first, first + count):
+        state[i].pedestrian_x += straight * state[i].pedestrian_vx
+        state[i].pedestrian_y += straight * state[i].pedestrian_vy
+        _project(state[i], tables)
+        state[i].pedestrian_path = 0.0
+        for _ in range(_TRIES if i > first else 0):
+            pace = math.hypot(state[i].pedestrian_vx, state[i].pedestrian_vy)
+            if pace == 0.0 or not crowded(state, first, i):
+                break
+            state[i].pedestrian_x -= ROOM * state[i].pedestrian_vx / pace
+            state[i].pedestrian_y -= ROOM * state[i].pedestrian_vy / pace
+            _project(state[i], tables)
+
+
+@kernel
+def _project(episode, tables):  # type: ignore[no-untyped-def]
+    row = tables.rows[episode.table]
+    route = tables.walk, episode.table, row.walk_count, row.walk_step
+    place = episode.pedestrian_x, episode.pedestrian_y
+    episode.pedestrian_s, _ = project(*route, *place, episode.pedestrian_s)
+
+
+@kernel
+def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, recording_of, ahead, settings, crowd, bits):  # type: ignore[no-untyped-def]
     """Start episode `numbers[k]` of scenario row `table_of[k]` and uint64 `seeds[k]` in the rows from `slots[k]` on.
 
     uint16[B] `bits` gets 1 << STARTED in each row that an episode takes.
+
+    :param ahead: float64[n, 2] [s], head starts of the pedestrians, and for how long they walk straight on then.
     """
     for k in range(slots.size):
         first = slots[k]
@@ -107,6 +157,8 @@ def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, record
         for i in range(first, first + count):
             state[i].recording = recording_of[k]
             bits[i] = 1 << STARTED
+        if (ahead[k, 0] != 0.0 or ahead[k, 1] != 0.0) and settings.pedestrian_driver != REPLAY:
+            _give_head_start(state, first, count, tables, settings, round(ahead[k, 0] / settings.period), ahead[k, 1])
         row = tables.rows[table_of[k]]
         if settings.vehicle_driver == REPLAY:
             x, y, heading, speed, curvature = recordings.vehicle[recording_of[k], 0]

@@ -47,6 +47,7 @@ _QUANTITIES = (
     "pedestrian_offset",  # [m] to the left of the walking route, drawn at the spawn: where the walker wants to walk
     "walking_speed",  # [m/s] drawn at the spawn
     "start_delay",  # [s] after the spawn before the walker sets off; infinity: a follower whose leader has not yet
+    "clock",  # [s] of the pedestrian, less the time since the spawn: 0 unless its head start was set
     "follow_delay",  # [s] after the leader before a follower sets off; 0: no follower
     "reaction_delay",  # [s] after the hand-over before the policy moves the walker; infinity: never
     "pedestrian_ax",  # [m/s2] of the last tick

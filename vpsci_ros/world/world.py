@@ -77,6 +77,8 @@ class World:
         self._has_policies = "policy" in (config.vehicle_driver, config.pedestrian_driver)
         self._settings = settings_from(config)
         self._crowd = crowd_from(config)
+        given = config.head_starts
+        self._head_starts = {(int(given[i]), int(given[i + 1])): given[i + 2 : i + 4] for i in range(0, len(given), 4)}
         self._tables = tables_from(scenarios, config.spawn)
         self._parked = parked_from(scenarios)
         self._queue: Iterator[tuple[int, int]] = iter(episodes)
@@ -203,6 +205,9 @@ class World:
         recordings = np.zeros(len(slots), np.int64)
         if self._recorded is not None:
             recordings[:] = [self._recorded.row(*episode) for episode in episodes]
+        ahead = np.zeros((len(slots), 2))
+        if self._head_starts:
+            ahead[:] = [self._head_starts.get(key, (0.0, 0.0)) for key in episodes]
         keys = np.full(len(slots), self.seed, np.uint64) if seeds is None else np.array(seeds, np.uint64)
         self._bits[:] = 0
 
@@ -216,6 +221,7 @@ class World:
                 self._tables,
                 self._recordings,
                 recordings[part],
+                ahead[part],
                 self._settings,
                 self._crowd,
                 self._bits,

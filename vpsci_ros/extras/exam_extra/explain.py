@@ -17,6 +17,7 @@ from vpsci_ros.exam.config import ADS, title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import definitions, rows_of
+from vpsci_ros.exam.timing import head_starts, read_timing
 from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group, stored_episodes
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
@@ -48,6 +49,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": failure}))
     require_own(exam.simulator.engine, "failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))
+    exam = dataclasses.replace(exam, head_starts=head_starts(read_timing(folder)))
     own = folder / FOLDER
     driven = set(rows_of(table, ADS)["pedestrian"])
     names = [name for name in exam.config.opponents if name in driven]

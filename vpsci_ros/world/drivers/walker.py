@@ -16,16 +16,28 @@ WALK_LOOK_AHEAD = 2.0  # [m]
 
 
 @inlined
+def clock(episode, settings):  # type: ignore[no-untyped-def]
+    """Return the time [s] by which the pedestrian's motion is drawn: since the spawn, unless its head start was set."""
+    return episode.frame * settings.period + episode.clock
+
+
+@inlined
+def early(episode, settings):  # type: ignore[no-untyped-def]
+    """Whether the drawn motion of the pedestrian is still to begin: it keeps its velocity until then."""
+    return clock(episode, settings) < -0.5 * settings.period
+
+
+@inlined
 def waits(episode, settings):  # type: ignore[no-untyped-def]
     """Whether the pedestrian still waits at the kerb."""
-    return episode.frame * settings.period < episode.start_delay
+    return clock(episode, settings) < episode.start_delay
 
 
 @inlined
 def pace(episode, settings):  # type: ignore[no-untyped-def]
     """Return the speed [m/s] at which the pedestrian walks now, if it neither waits nor stands at its goal."""
     if as_recorded(settings.spawn, episode):
-        return walker_speed(episode, episode.frame * settings.period)
+        return walker_speed(episode, clock(episode, settings))
     return episode.walking_speed
 
 
@@ -44,7 +56,9 @@ def wanted(episode, speed, tables, settings):  # type: ignore[no-untyped-def]
 def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
     """Return the acceleration (ax, ay) [m/s2] that the walker intends, and whether the limit of its jerk applies."""
     vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
-    then = (episode.frame + 1) * settings.period
+    if early(episode, settings):
+        return 0.0, 0.0, False
+    then = (episode.frame + 1) * settings.period + episode.clock
     if episode.walker_onset:
         onset = tables.onsets[episode.walker_onset - 1]
         if then < onset_time(onset) + 0.5 * settings.period:

@@ -21,7 +21,7 @@ from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ADS, title_of
+from vpsci_ros.exam.config import ADS, AUTOPILOTS_TIMING, title_of
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
 from vpsci_ros.extras.exam_extra.search.imitation import lessons
@@ -67,6 +67,10 @@ def run_search(
     failure = exam.config.failure
     if exam.run.only:
         raise InvalidInput("ads-search and a list of episodes exclude each other; take world_simulator.only out")
+    own = {"timing": AUTOPILOTS_TIMING}  # the pool's episodes are too many to drive alone first
+    exam = dataclasses.replace(
+        exam, config=dataclasses.replace(exam.config, **own), sections=exam.sections.changed("ads_test", own)
+    )
     identity = identity_of(exam) | mixed(workers) | {"search": dataclasses.asdict(search) | {"failure": failure}}
     take_folder(folder, identity, IDENTITY)
     pool = _pool(exam, search.pool)
