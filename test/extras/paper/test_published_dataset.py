@@ -8,10 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7, agent_ids
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.formats.carla_csv import write
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.extras.paper.published_dataset import SCALE
 from vpsci_ros.extras.paper.published_tables import canonical, convert
 from vpsci_ros.view.episode_sources import open_source, read_episodes
@@ -27,8 +26,22 @@ def published(tmp_path_factory):
     """A folder as the authors publish it: Table 6's names, Table 7's columns, y down; of the episodes of two bags."""
     folder = tmp_path_factory.mktemp("published")
     for bag in BAGS:
-        write(read_episodes(bag), folder, Options())
+        (episode,) = read_episodes(bag)
+        published_rows(episode).write_csv(folder / f"{bag.name}.csv")
     return folder
+
+
+def published_rows(episode):
+    """Return an episode of one pedestrian in the columns of Table 7, y down."""
+    count = np.full(len(episode), episode.number)
+    veh_id, ped_id = agent_ids(np.full(len(episode), episode.key[0]), count, np.zeros(len(episode), np.int64))
+    table = {"count": count, "frame": np.arange(len(episode)), "veh_id": veh_id, "ped_id": ped_id,
+             "distance": episode.distance[0], "CurvTTC": episode.curvttc[0]}  # fmt: skip
+    walker = episode.ped_x[0], episode.ped_y[0], episode.ped_vx[0], episode.ped_vy[0]
+    for end, motion in (("av", (episode.x, episode.y, episode.vx, episode.vy)), ("ped", walker)):
+        x, y, vx, vy = motion
+        table |= {f"position_x_{end}": x, f"position_y_{end}": -y, f"velocity_x_{end}": vx, f"velocity_y_{end}": -vy}
+    return pl.DataFrame(table).select(pl.col(name).cast(EPISODE_COLUMNS[name].dtype) for name in TABLE_7)
 
 
 @pytest.fixture

@@ -72,7 +72,6 @@ EXPORTERS = PluginGroup(
         "scenarionet": Exporter("vpsci_ros.extras.formats.scenarionet"),
         "minari": Exporter("vpsci_ros.extras.formats.minari"),
         "mp4": Exporter("vpsci_ros.extras.formats.mp4", "formats"),
-        "carla-csv": Exporter("vpsci_ros.extras.formats.carla_csv"),
     },
 )
 
