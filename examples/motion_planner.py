@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.wire.world_state import SerializedState, read_world_state
+from vpsci_ros.wire.world_state import StateContent, read_world_state
 from vpsci_ros.world import IDLE, Scenario, load_scenarios
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.scenario import further_files, scenario_files
@@ -191,7 +191,7 @@ def drive(latency: float | None) -> None:
     rclpy.init()
     node, driver = rclpy.create_node("motion_planner"), Driver()
     command = node.create_publisher(VehicleControl, "vehicle/cmd_control", 10)
-    waiting: list[SerializedState] = []  # the tick that objects have not come for
+    waiting: list[StateContent] = []  # the tick that objects have not come for
     seen: list[PointCloud2] = []  # the latest ones
 
     def on_state(data: bytes) -> None:
