@@ -26,8 +26,8 @@ import polars as pl
 from vpsci_ros.cli.options import read_sections, site_of
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
 from vpsci_ros.learning import refine as stage_2
-from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.online import LOG, refine, validation_rates
+from vpsci_ros.learning.training_config import RefineConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import sha256

@@ -29,12 +29,12 @@ from typing import Any
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
 from vpsci_ros.generate import simulate
+from vpsci_ros.generate.generate_dataset import PARALLEL, generate, part_writers
 from vpsci_ros.generate.job import Job, Unit, job_from
-from vpsci_ros.generate.run import PARALLEL, generate, part_writers
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.workers import ThisMachine
 from vpsci_ros.world import World, loop
 

@@ -23,11 +23,11 @@ from domain_coordinator import domain_id
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import load_policy
-from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.run_config import RunConfig, Sections
 from vpsci_ros.world import World, load_scenarios
-from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.world_config import WorldConfig
 
 EPISODE_TICKS = 200  # at most; with the default episode_time
 TRANSPORTS = {"shared memory": "DEFAULT", "UDP": "UDPv4"}  # FASTDDS_BUILTIN_TRANSPORTS; its default takes shared memory

@@ -22,13 +22,13 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.exam.config import ADS, BASELINE, title_of
+from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
 from vpsci_ros.exam.measures import EPISODES
 from vpsci_ros.exam.report import differences
-from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.scores import MEASURES, estimate
-from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.policy.policy_config import LEARNED
 from vpsci_ros.resources import params_path
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"

@@ -18,12 +18,12 @@ import polars as pl
 
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.evaluation.statistics import share
-from vpsci_ros.exam.config import ALONE, TIMINGS, title_of
+from vpsci_ros.exam.conduct_exam import timed_runs
 from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.exam_config import ALONE, TIMINGS, title_of
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import arrival, episode_table
-from vpsci_ros.exam.run import timed_runs
-from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.policy.policy_config import LEARNED
 from vpsci_ros.resources import params_path
 
 PEDESTRIANS = (LEARNED, "walker")

@@ -10,10 +10,10 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from vpsci_ros.nodes.base import GraphNode, run_nodes
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.entry import node_class
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.nodes.node_config import GraphConfig
+from vpsci_ros.runs.run_config import Sections
 
 
 @contextmanager

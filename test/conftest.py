@@ -23,7 +23,7 @@ from synthetic import block_of_pairs, synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.episode_block import EpisodeBlock
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import COLLISION, EPISODE, RUNNING
 

@@ -19,7 +19,7 @@ from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.tracks import Clip, Track
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import STEP

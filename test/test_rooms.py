@@ -115,6 +115,19 @@ def test_every_room_has_its_place() -> None:
     assert {room(path) for path in files} == set(ROOMS)
 
 
+def test_the_docstring_of_each_room_names_each_of_its_files() -> None:
+    inits = [path for path in sorted(ROOT.rglob("__init__.py")) if path != ROOT / "__init__.py"]
+    texts = {init.parent: ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))) or "" for init in inits}
+    files = [path for folder in texts for path in sorted(folder.glob("*.py")) if not path.name.startswith("__")]
+    unnamed = [str(path.relative_to(ROOT)) for path in files if f"`{path.stem}`" not in texts[path.parent]]
+    assert not unnamed, "\n".join(unnamed)
+
+
+def test_no_two_rooms_share_the_name_of_a_file_that_says_nothing() -> None:
+    for stem in ("run", "config", "page", "utils", "helpers", "main"):
+        assert len(list(ROOT.rglob(f"{stem}.py"))) <= 1, stem
+
+
 def test_no_file_looks_up() -> None:
     files = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
     arrows = [text for path in files for text in upward(path, ast.parse(path.read_text(encoding="utf-8")))]

@@ -24,10 +24,10 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.simulate import Simulator
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import NodeProcesses, resolve
+from vpsci_ros.nodes.node_config import GraphConfig
 from vpsci_ros.parameters import as_ros_parameters
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 
 STAGE = "params/stage3_generate.yaml"

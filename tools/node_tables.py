@@ -13,17 +13,17 @@ from pathlib import Path
 from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.parquet import Column
-from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.exam_config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
-from vpsci_ros.nodes.config import GraphConfig, RecorderConfig, ReplayerConfig
+from vpsci_ros.nodes.node_config import GraphConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import Parameter, table
-from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.runs.config import PeerConfig, RunConfig
-from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.policy.policy_config import NetworkConfig, PolicyConfig
+from vpsci_ros.runs.run_config import PeerConfig, RunConfig
 from vpsci_ros.world.perception import PerceptionConfig
+from vpsci_ros.world.world_config import WorldConfig
 
 DOCS = Path(__file__).parent.parent / "docs"
 BEGIN, END = "<!-- written by tools/node_tables.py -->\n", "<!-- until here -->\n"

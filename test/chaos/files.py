@@ -30,10 +30,10 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.generate.generate_dataset import generate, part_writers
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate, part_writers
 from vpsci_ros.generate.verify import job_of
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights, save_weights
 from vpsci_ros.report.summary import print_info
 from vpsci_ros.resources import params_dir

@@ -17,7 +17,7 @@ import polars as pl
 from synthetic import random_weights, synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.files import write_json, write_text
 

@@ -231,7 +231,7 @@ import sys, time
 from pathlib import Path
 from vpsci_ros.cli import main
 from vpsci_ros.runs.run_folder import RunFolder
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 def work():
     with RunFolder(Path(sys.argv[1]), Sections({})):
         print("begun", flush=True)

@@ -7,7 +7,7 @@ import yaml
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.training_config import RefineConfig
 
 
 def written(folder: Path, **sections: dict) -> Path:

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from vpsci_ros.extras.formats.run import export
+from vpsci_ros.extras.formats.exporters import export
 from vpsci_ros.safety import clearance
 
 BAGS = Path(__file__).parents[2] / "bags"

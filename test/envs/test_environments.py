@@ -17,7 +17,7 @@ from vpsci_ros.envs.parallel import COLLISION_REWARD, GOAL_REWARD, parallel_env 
 from vpsci_ros.envs.right_turn import RightTurnEnv  # noqa: E402
 from vpsci_ros.envs.vector import RightTurnVectorEnv  # noqa: E402
 from vpsci_ros.errors import InvalidInput  # noqa: E402
-from vpsci_ros.policy.config import NetworkConfig  # noqa: E402
+from vpsci_ros.policy.policy_config import NetworkConfig  # noqa: E402
 from vpsci_ros.policy.weights import Weights  # noqa: E402
 from vpsci_ros.world import WorldConfig  # noqa: E402
 from vpsci_ros.world.state import EPISODE  # noqa: E402

@@ -7,11 +7,11 @@ import pytest
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import split_by_clip
 from vpsci_ros.evaluation import held_out as held
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig, ReplayConfig
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import recorded_histories
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig, ReplayConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 
 SMALL = NetworkConfig(hidden=16, heads=2)
 SHORT = PretrainConfig(

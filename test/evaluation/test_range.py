@@ -16,10 +16,10 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.simulators import beyond_range, known_late
 from vpsci_ros.extras.drive.commands import drive
-from vpsci_ros.extras.paper.realism.run import run_realism
+from vpsci_ros.extras.paper.realism.measure_realism import run_realism
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import load_policy
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
 
 
@@ -78,7 +78,7 @@ def test_a_named_source_is_that_of_both_agents_of_a_graph_and_of_the_pedestrian_
         raise Seen({node: values["people"] for node, values in sections.values.items() if "people" in values})
 
     monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", seen)
-    monkeypatch.setattr("vpsci_ros.extras.drive.run.prepare_person", seen)
+    monkeypatch.setattr("vpsci_ros.extras.drive.person_exam.prepare_person", seen)
     with pytest.raises(Seen, match="^{'vehicle_policy': 'vci', 'pedestrian_policy': 'vci'}$"):
         graph(params=STAGE_3, output=tmp_path / "graph", people="vci")
     with pytest.raises(Seen, match="^{'pedestrian_policy': 'vci'}$"):

@@ -7,14 +7,14 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.exam_config import ExamConfig
 from vpsci_ros.exam.in_graph import result_of_bag
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
 from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, first_critical, result_of_ticks
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.kinds import KINDS, KindMixture

@@ -18,8 +18,8 @@ from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import in_process
 from vpsci_ros.exam.conduct import is_done, run_with
+from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.view import read_exam
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.workers import ThisMachine

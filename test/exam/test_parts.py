@@ -11,8 +11,8 @@ import pytest
 from vpsci_ros.exam import conduct
 from vpsci_ros.exam import exam as exam_module
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ADS
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.result import Conduct, RunResult, label_of
 from vpsci_ros.exam.view import stored_episodes

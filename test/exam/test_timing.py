@@ -8,11 +8,11 @@ import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.exam.config import ALONE
+from vpsci_ros.exam.conduct_exam import timed_runs
 from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.exam_config import ALONE
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import recorded_people
-from vpsci_ros.exam.run import timed_runs
 from vpsci_ros.exam.timing import BOUND, TIMING, Timing, not_met, read_timing, sentence, summary
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world import World, WorldConfig, load_scenarios

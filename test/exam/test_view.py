@@ -10,13 +10,13 @@ from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import BASELINE, ExamConfig
 from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.exam_config import BASELINE, ExamConfig
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.result import RunResult
 from vpsci_ros.exam.view import exam_sources, read_exam
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 
 
 @pytest.fixture(scope="module")

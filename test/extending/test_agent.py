@@ -13,13 +13,13 @@ from extending.page import Install, files_of
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.view import read_exam
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.policy.agent_types import make_agent
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.resources import params_dir
 from vpsci_ros.view.pack import packed
 from vpsci_ros.world import World, WorldConfig, load_scenarios

@@ -7,7 +7,7 @@ from extending.page import Install, files_of
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.extras.formats.run import EXPORTERS
+from vpsci_ros.extras.formats.exporters import EXPORTERS
 from vpsci_ros.view.episode_sources import read_episodes
 
 

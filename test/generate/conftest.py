@@ -9,10 +9,10 @@ import pytest
 from generate.small import NETWORK, PARALLEL, TARGETS, UNIT
 from synthetic import random_weights
 
+from vpsci_ros.generate.generate_dataset import Generated, generate, part_writers
 from vpsci_ros.generate.job import Job, job_from
-from vpsci_ros.generate.run import Generated, generate, part_writers
 from vpsci_ros.policy.weights import save_weights
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.workers import ThisMachine
 
 

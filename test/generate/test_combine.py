@@ -9,7 +9,7 @@ import pytest
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.combine import merge, select
-from vpsci_ros.generate.run import simulators
+from vpsci_ros.generate.generate_dataset import simulators
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.report.summary import print_info
 

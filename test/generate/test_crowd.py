@@ -13,12 +13,12 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN, NEXT_SCENARIO
 from vpsci_ros.generate.bag import record_episodes
+from vpsci_ros.generate.generate_dataset import generate, part_writers, simulators
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate, part_writers, simulators
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.workers import ThisMachine
 
 NAME = "LocationA_PedCross_S-N"

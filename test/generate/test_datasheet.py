@@ -7,9 +7,9 @@ import pytest
 from generate.small import UNIT
 
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.generate.generate_dataset import generate, part_writers
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate, part_writers
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.workers import ThisMachine
 
 

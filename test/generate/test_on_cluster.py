@@ -7,7 +7,7 @@ import pytest
 from dask_cluster import local_cluster
 from generate.small import TARGETS, UNIT
 
-from vpsci_ros.generate.run import generate, part_writers
+from vpsci_ros.generate.generate_dataset import generate, part_writers
 
 cluster = pytest.importorskip("vpsci_ros.runs.cluster")
 pytest.importorskip("distributed")

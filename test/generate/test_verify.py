@@ -12,7 +12,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS
 from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.run import simulators
+from vpsci_ros.generate.generate_dataset import simulators
 from vpsci_ros.generate.verify import job_of, verify
 from vpsci_ros.policy.weights import load_weights, save_weights
 

@@ -7,12 +7,12 @@ import torch
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.evaluation.scene import Scene
 from vpsci_ros.learning.closed_loop import Lane, Recorded, clearance, roll_out, simulated_start, wrong
-from vpsci_ros.learning.config import ClosedLoopConfig, RewardsConfig
 from vpsci_ros.learning.objectives import DualWeight
 from vpsci_ros.learning.rewards import SimulatedRewards
+from vpsci_ros.learning.training_config import ClosedLoopConfig, RewardsConfig
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.safety import clearance as exact_clearance
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.maddpg import LEAST_VALUE, UNIT, Maddpg, Scored
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, History, collate, draw_recorded, recorded_histories
+from vpsci_ros.learning.training_config import UpdatesConfig
 from vpsci_ros.policy.actor import InwardClamp
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.road import LANE_POINTS

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
-from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.exploration import amplitude
+from vpsci_ros.policy.policy_config import NetworkConfig, PolicyConfig
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.observation import AGENTS
 

@@ -7,10 +7,10 @@ import pytest
 
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.held_out import NO_CLIPS
-from vpsci_ros.learning.config import PretrainConfig, ReplayConfig, SpeedRewardsConfig
 from vpsci_ros.learning.divergence import DivergedError
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig, ReplayConfig, SpeedRewardsConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 
 SMALL = NetworkConfig(hidden=16, heads=2)

@@ -3,7 +3,7 @@
 import torch
 
 from vpsci_ros.learning.ragged import by_length
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.sst import SSTEncoder
 
 LENGTH = torch.tensor([3, 40, 9, 1, 38, 20])

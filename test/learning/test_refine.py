@@ -8,14 +8,14 @@ import torch
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning import online
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.maddpg import UNIT
 from vpsci_ros.learning.online import refine
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import collate
+from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.actor import previous
-from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.policy.policy_config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.world import WorldConfig, load_scenarios

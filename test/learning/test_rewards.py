@@ -3,9 +3,9 @@ import pytest
 import torch
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.replay import draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards, RewardWeights, SimulatedRewards, speed_reward
+from vpsci_ros.learning.training_config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.world.observation import AGENTS, STEP
 from vpsci_ros.world.transition import TRANSITION
 

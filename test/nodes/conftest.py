@@ -12,7 +12,7 @@ from rclpy.context import Context
 from synthetic import random_weights
 
 from vpsci_ros.nodes.domain import own_domain
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
 
 

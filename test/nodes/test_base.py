@@ -16,16 +16,16 @@ from rclpy.qos import ReliabilityPolicy
 
 from vpsci_msgs.msg import SafetyState
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.config import SECTIONS
+from vpsci_ros.nodes.node_config import SECTIONS
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP, TOPICS
 from vpsci_ros.parameters import read_parameter_file
-from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.policy.policy_config import NoiseConfig, PolicyConfig
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.run_config import RunConfig
 
 
 def override(name: str, value: object) -> Parameter:

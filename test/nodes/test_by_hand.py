@@ -22,12 +22,12 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig
+from vpsci_ros.learning.training_config import LearnerConfig
 from vpsci_ros.nodes.graph import resolve, run_graph
 from vpsci_ros.nodes.learner import Learner
 from vpsci_ros.parameters import as_ros_parameters, read_parameter_file
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 
 NODES = ["recorder", "world_simulator", "safety_monitor"]
 

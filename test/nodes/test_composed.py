@@ -7,7 +7,7 @@ import pytest
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.nodes.graph import GraphResult, run_graph
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 
 NODES = ["world_simulator", "safety_monitor", "perception", "recorder"]
 RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}

@@ -15,7 +15,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import NEXT_PEDESTRIAN
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.view.episode_sources import read_episodes
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]

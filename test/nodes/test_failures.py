@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import RecordedCounts, Silence, flood, hangs, incomplete, never_came, stands_still
+from vpsci_ros.nodes.node_config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "recorder"]

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import pytest
 
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import NodeProcesses, _follow
+from vpsci_ros.nodes.node_config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.watch import Watch
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import CoreTime, core_time
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.stop_request import StopRequest
 
 

@@ -21,8 +21,8 @@ from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.run_config import RunConfig, Sections
 from vpsci_ros.wire import layout
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop

@@ -29,7 +29,7 @@ from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import EPISODE, load_scenarios
 from vpsci_ros.world.parked import parked_from

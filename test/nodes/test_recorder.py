@@ -20,7 +20,7 @@ from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 

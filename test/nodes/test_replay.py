@@ -13,7 +13,7 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
 NODES = ["world_simulator", "safety_monitor", "recorder"]

@@ -3,7 +3,7 @@
 import pytest
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from vpsci_ros.nodes.config import EXECUTABLES, LEARNER, NODES, SECTIONS
+from vpsci_ros.nodes.node_config import EXECUTABLES, LEARNER, NODES, SECTIONS
 from vpsci_ros.nodes.topics import LATCHED, LOCK_STEP, RECORDING, TOPICS, listeners, speakers
 
 

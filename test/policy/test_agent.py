@@ -6,7 +6,7 @@ import pytest
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import PolicyAgent
-from vpsci_ros.policy.config import NetworkConfig, NoiseConfig
+from vpsci_ros.policy.policy_config import NetworkConfig, NoiseConfig
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import EPISODE, RUNNING

@@ -1,7 +1,7 @@
 import numpy as np
 
-from vpsci_ros.policy.config import NoiseConfig
 from vpsci_ros.policy.exploration import amplitude, exploration_noise
+from vpsci_ros.policy.policy_config import NoiseConfig
 
 
 def test_amplitude_is_that_of_equation_16():

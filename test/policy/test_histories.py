@@ -9,7 +9,7 @@ from vpsci_ros.learning.rewards import controlled
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.config import NetworkConfig, NoiseConfig, PolicyConfig
+from vpsci_ros.policy.policy_config import NetworkConfig, NoiseConfig, PolicyConfig
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import AGENTS

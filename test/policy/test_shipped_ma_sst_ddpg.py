@@ -10,9 +10,9 @@ from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import policy, tracked
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import params_dir, weights_path

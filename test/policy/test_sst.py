@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from vpsci_ros.policy.actor import Actor, previous
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, Memory, SSTLayer, risk
 
 SMALL = NetworkConfig(hidden=16, heads=2)

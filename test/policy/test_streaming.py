@@ -4,7 +4,7 @@ import torch
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.actor import previous
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.streaming import StreamingActor
 
 SMALL = NetworkConfig(hidden=16, heads=2)

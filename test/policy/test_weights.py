@@ -5,9 +5,9 @@ import pytest
 from safetensors.numpy import save
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights, weights_from_bytes, weights_to_bytes
 

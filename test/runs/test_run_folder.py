@@ -13,9 +13,9 @@ from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs import run_folder
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.record import read_record
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 

@@ -19,10 +19,10 @@ from vpsci_ros.wire.header import tick_header
 from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import StateContent, write_world_state
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import ENDED, FINISHED, IDLE, STARTED, list_events
 from vpsci_ros.world.tick import Step
+from vpsci_ros.world.world_config import WorldConfig
 
 
 def write_ticks(

@@ -26,12 +26,12 @@ from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import pick
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
+from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD

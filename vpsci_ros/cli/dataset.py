@@ -52,12 +52,12 @@ def generate(
     """Generate a dataset of episodes (stage 3); the same command resumes a stopped run, more --episodes extend it."""
     from vpsci_ros.cli.parameter_file import load
     from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
+    from vpsci_ros.generate.generate_dataset import PARALLEL, part_writers
+    from vpsci_ros.generate.generate_dataset import generate as run
     from vpsci_ros.generate.job import DatasetConfig, job_from
     from vpsci_ros.generate.progress import ProgressOfRun
-    from vpsci_ros.generate.run import PARALLEL, part_writers
-    from vpsci_ros.generate.run import generate as run
     from vpsci_ros.generate.verify import repeated
-    from vpsci_ros.runs.config import RunConfig
+    from vpsci_ros.runs.run_config import RunConfig
 
     if repeat is not None:
         if table10 or settings or people or any(each is not None for each in (scenarios, episodes)):
@@ -127,7 +127,7 @@ def verify(
     workers: Count = None,
 ) -> None:
     """Simulate a dataset's episodes again and name each file that differs, with its first differing row."""
-    from vpsci_ros.generate.run import simulators
+    from vpsci_ros.generate.generate_dataset import simulators
     from vpsci_ros.generate.verify import verify as run
     from vpsci_ros.runs.progress import Bars
 

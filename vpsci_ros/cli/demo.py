@@ -18,12 +18,12 @@ from rich.table import Table
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError, require
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import is_empty_folder, write_text
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.view.episode_sources import read_source
 from vpsci_ros.view.pack import Shown, Source, shown
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.view_page import write_view
 
 PAGE = "demo.html"
 MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace

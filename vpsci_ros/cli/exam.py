@@ -23,7 +23,7 @@ from vpsci_ros.cli.options import (
 from vpsci_ros.errors import VpsciError
 
 if TYPE_CHECKING:
-    from vpsci_ros.runs.config import Sections
+    from vpsci_ros.runs.run_config import Sections
 
 ExamFolder = Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same exam.")]
 Ads = Annotated[
@@ -111,9 +111,9 @@ def ads_test(
     the empty road; 2 bad input.
     """
     from vpsci_ros.exam.comparison import compared_with
+    from vpsci_ros.exam.conduct_exam import REPORT, run_exam
     from vpsci_ros.exam.exam import identity_of, prepare
     from vpsci_ros.exam.power import needed
-    from vpsci_ros.exam.run import REPORT, run_exam
 
     chosen = [*(settings or []), *of_people(people)[-1:]]  # the pedestrian's: the ADS drives
     sections = examined_sections(params, chosen, episodes, recorded)

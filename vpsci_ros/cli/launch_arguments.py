@@ -8,8 +8,8 @@ from typing import NamedTuple
 from vpsci_ros.cli.parameter_file import STAGES, load, stage_of
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.nodes.node_config import GraphConfig
 from vpsci_ros.parameters import as_ros_parameters, read_parameter_file
 from vpsci_ros.resources import params_path
 from vpsci_ros.runs.files import require_empty_folder, write_text

@@ -129,8 +129,8 @@ def node(
 ) -> None:
     """Run one node, as `ros2 run` does, without ROS's tools: vpsci node NAME --ros-args -p batch:=4 ..."""
     from vpsci_ros.errors import InvalidInput
-    from vpsci_ros.nodes.config import EXECUTABLES
     from vpsci_ros.nodes.entry import start
+    from vpsci_ros.nodes.node_config import EXECUTABLES
 
     if name not in EXECUTABLES:
         raise InvalidInput(f"unknown node {name!r}; expected one of {', '.join(EXECUTABLES)}")

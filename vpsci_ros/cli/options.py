@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 import typer
 
 if TYPE_CHECKING:
-    from vpsci_ros.runs.config import Sections
+    from vpsci_ros.runs.run_config import Sections
     from vpsci_ros.runs.workers import Site
 
 P = ParamSpec("P")

@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.exam_config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
-from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
+from vpsci_ros.nodes.node_config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import EVERY_NODE, check_sections, read_parameter_file, refuse_unknown, table
 from vpsci_ros.resources import params_path
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 
 SIMULATION = (
     "graph", "world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "perception", "recorder",

@@ -6,12 +6,12 @@ import polars as pl
 
 from vpsci_ros.data.near_misses import corpus_files, load_corpus, split_by_name
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
+from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
 from vpsci_ros.parameters import settings_of
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig, simulation_of
 from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.runs.config import RunConfig, Sections
+from vpsci_ros.runs.run_config import RunConfig, Sections
 
 Stage1Inputs = tuple[LearnerConfig, PretrainConfig, NetworkConfig, pl.DataFrame, Sections]
 Stage2Inputs = tuple[LearnerConfig, RefineConfig, SimulationConfig, Weights, pl.DataFrame, list[str | Path], Sections]

@@ -19,10 +19,10 @@ from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.report.learning import save_learning
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.progress import Bars, StageBar
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 

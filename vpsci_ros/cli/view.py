@@ -38,7 +38,7 @@ def view(
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.exam.view import is_exam, read_exam
     from vpsci_ros.view.episode_sources import read_source
-    from vpsci_ros.view.page import write_view
+    from vpsci_ros.view.view_page import write_view
 
     if episodes and (len(sources) > 1 or is_exam(sources[0])):
         raise InvalidInput("--episode goes with one table, dataset or bag; give one, or leave --episode out")

@@ -3,6 +3,14 @@
 At each step your engine passes the states of all road users (`Vehicle`, `Walker`) to `Pedestrian` or `Driver`, which
 returns its motion to the next step. With the same seed, episode and inputs the motion is that of our world, to the bit.
 docs/pedestrian.md has an example.
+
+In reading order:
+
+* `pedestrian`: the default pedestrian as one object for your own simulation engine
+* `driver`: the default driver as one object for your own simulation engine
+* `agent`: the base of `Pedestrian` and `Driver`: a world of one episode
+* `inputs`: the inputs of one step: checked states of all road users, completed from the previous step
+* `routes`: the scenario of a `Pedestrian` or `Driver`: one of this package, or one made from a route in your map
 """
 
 from vpsci_ros.cosim.agent import Person

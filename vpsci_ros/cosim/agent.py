@@ -12,7 +12,7 @@ from vpsci_ros.cosim.inputs import Vehicle, Walker
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.compiling import compile_kernels
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.safety import CRITICAL_TTC, curvttc
 from vpsci_ros.world import RUNNING, World, WorldConfig

@@ -21,7 +21,7 @@ from vpsci_ros.cosim.inputs import (
 )
 from vpsci_ros.cosim.routes import named_scenario, scenario_of_lane
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.calibration import GREATEST_CAR, LEAST_CAR

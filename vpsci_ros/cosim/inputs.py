@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.documents import require_form, shown
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.safety.inputs import as_floats
 from vpsci_ros.safety.line_of_sight import BOX, as_boxes

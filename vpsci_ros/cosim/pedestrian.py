@@ -25,7 +25,7 @@ from vpsci_ros.cosim.inputs import (
 from vpsci_ros.cosim.routes import named_scenario, scenario_of_walk
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import visible_share
 from vpsci_ros.world import Scenario, WorldConfig

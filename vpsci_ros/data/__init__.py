@@ -1,7 +1,19 @@
 """Near misses from recordings, and dataset files from the simulation.
 
-`episode` is the type of an episode, recorded or simulated. `episode_block` collects simulated episodes tick by tick,
-`filters` selects them, `dataset_tables` has their columns, `dataset` writes them, and `dataset_reader` reads them.
-`near_misses` is the table of recorded near misses, `importers` fill it from published data, `reference` works out the
-columns that follow from others, `recorded` makes episodes of the table, and `interactions` holds it as arrays.
+In reading order:
+
+* `episode`: an episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets
+* `episode_block`: episodes that run side by side, collected frame by frame, and blocks of those that have ended
+* `filters`: the filters of a dataset: the four conditions of section 3.3 of the paper
+* `dataset_tables`: the tables of a dataset: their columns, and the rows of a block of episodes
+* `dataset`: the dataset on disk: a file a scenario (name: Table 6, columns: Table 7), the index episodes.parquet
+* `dataset_description`: the content of dataset.json: counts by scenario and reason, quartiles of the least CurvTTC
+* `dataset_reader`: stored episodes read back: a dataset's folder, a row group at a time
+* `near_misses`: the near-miss table: recorded interactions with CurvTTC below 5 s, one row for each step of 0.1 s
+* `reference`: columns that follow from the other columns of a near-miss table, and the rows around critical steps
+* `recorded`: recorded interactions as episodes, from a near-miss table
+* `interactions`: recorded near misses as padded arrays: observations
+* `importers`: importers of recordings: each format is read as clips of tracks at 0.1 s, from which near misses are cut
+* `parquet`: self-describing Parquet files: unit and description in every field, a JSON document in the schema
+* `published`: values published about the paper's dataset: Table 10, section 4.3, and the generation time (3.3)
 """

@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
 from vpsci_ros.envs.simulation import Simulation, Snapshot
-from vpsci_ros.learning.config import RewardsConfig
+from vpsci_ros.learning.training_config import RewardsConfig
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION, TIMEOUT, WorldConfig
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
 from vpsci_ros.world.tick import Actions

@@ -12,12 +12,12 @@ from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import AGENT_TYPES, make_agent
-from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios
-from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
+from vpsci_ros.world.world_config import PEDESTRIAN_DRIVERS
 
 Floats = NDArray[np.float64]
 PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay")

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam, identity_of
+from vpsci_ros.exam.exam_config import EXTERNAL, title_of
 from vpsci_ros.exam.in_graph import domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder

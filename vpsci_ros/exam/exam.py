@@ -15,21 +15,21 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.class_process import files_of_class
-from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
 from vpsci_ros.exam.driver_class import Driver
+from vpsci_ros.exam.exam_config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.bank import Bank
-from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import near_misses_path, weights_path
-from vpsci_ros.runs.config import PatienceConfig, RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
+from vpsci_ros.runs.run_config import PatienceConfig, RunConfig, Sections
 from vpsci_ros.runs.workers import HERE, Site
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig

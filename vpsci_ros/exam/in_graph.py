@@ -17,15 +17,15 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.exam_config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.state import IDLE, VEHICLE_ACTION_MISSING
 

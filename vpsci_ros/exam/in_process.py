@@ -18,9 +18,9 @@ from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.class_process import class_process
-from vpsci_ros.exam.config import BASELINE, title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
+from vpsci_ros.exam.exam_config import BASELINE, title_of
 from vpsci_ros.exam.process import log_name
 from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
 from vpsci_ros.lockstep.intervention import Interventions

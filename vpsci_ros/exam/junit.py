@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vpsci_ros.exam.comparison import Failing
-from vpsci_ros.exam.config import ADS
 from vpsci_ros.exam.criteria import verdict_value
+from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.report import standing
 from vpsci_ros.runs.files import write_text
 

@@ -12,15 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.exam.config import ADS, ALONE, BASELINE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import verdict_value
+from vpsci_ros.exam.exam_config import ADS, ALONE, BASELINE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import FAILED_BEFORE, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES
 from vpsci_ros.exam.timing import sentence
 from vpsci_ros.exam.view import MARKS
-from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.policy.policy_config import LEARNED
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import draw_episode

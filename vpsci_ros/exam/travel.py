@@ -8,7 +8,7 @@ from pathlib import Path
 import vpsci_ros
 from vpsci_ros.exam.class_process import code_of_class
 from vpsci_ros.exam.exam import Exam, driver_files
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.identity import require_same

@@ -12,7 +12,7 @@ from vpsci_ros.data.dataset_reader import EXAM, FRAMES, EpisodeFile
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import ADS, ALONE, BASELINE, title_of
+from vpsci_ros.exam.exam_config import ADS, ALONE, BASELINE, title_of
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.result import run_folder
 from vpsci_ros.exam.scores import MEASURES

@@ -11,11 +11,11 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import parameter, values_of
-from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import policy_from_bytes, require_source
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.provenance import cpu_name
+from vpsci_ros.runs.run_config import RunConfig, Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import own_documents

@@ -24,9 +24,9 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
 from vpsci_ros.generate.parts import WANTED
 from vpsci_ros.parameters import check_sections, with_constants
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import cpu_name
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.workers import Workers, computed
 from vpsci_ros.world.scenario import scenario_from
 

@@ -1,7 +1,25 @@
 """Learning: MA-SST-DDPG from real near misses (stage 1) and in simulation (stage 2).
 
-`pretrain` is stage 1, `refine` is stage 2, and `online` runs stage 2 in one process. Both update `networks` by one of
-the `objectives` (the paper's: `maddpg`), with batches of `replay` and the `rewards` of their stage; `transitions` and
-`assembly` make the histories of stage 2. The actors are in `policy`, recorded near misses as arrays in
-`data.interactions`.
+The actors are in `policy`, recorded near misses as arrays in `data.interactions`.
+
+In reading order:
+
+* `pretrain`: stage 1: both agents learn from recorded near misses (Algorithm 1), by one of the `objectives`
+* `refine`: stage 2: the pre-trained policies are trained further in simulation (section 3.2)
+* `closed_loop`: both actors rolled out in closed loop through the kinematics, with gradients
+* `online`: stage 2 in one process: world, monitor, policies and learner called in turn
+* `maddpg`: one update of Algorithm 1: critics by temporal difference, actors by the policy gradient
+* `objectives`: training objectives of the actors by name, for both stages; critics learn by temporal difference
+* `rewards`: all rewards of the paper: speed (14)-(15), collision (25), goal (26) and their weighting (27)-(28)
+* `networks`: all networks of MA-SST-DDPG: an actor and a critic for each agent, and a target network of each
+* `replay`: the replay buffers of both stages, and mini-batches drawn from a buffer
+* `transitions`: experience for the learner: one record per policy step, made from successive states of a world
+* `assembly`: assembly of transitions from `/replay` into histories, from the first hand-over to the episode's end
+* `ragged`: histories of different length in one padded batch, encoded without most of the padding
+* `training_config`: parameters of training, in groups; the defaults are those of the shipped weights `ma_sst_ddpg`
+* `refine_log`: the logs of stage 2 in the graph of nodes, written during the training, whole or not at all
+* `checkpoint`: checkpoints: the state from which a run resumes with the same result, in one safetensors file
+* `divergence`: a check that losses and reward weights are finite; otherwise the run stops
+* `adam`: the optimiser Adam of torch, without the import of torch's compiler
+* `one_thread`: one thread of torch for training, so that the result does not depend on the number of cores
 """

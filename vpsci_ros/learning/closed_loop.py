@@ -29,8 +29,8 @@ from vpsci_ros.evaluation.scene import (
     time_to_collision,
     to_heading_frame,
 )
-from vpsci_ros.learning.config import ClosedLoopConfig
 from vpsci_ros.learning.replay import History, came_to
+from vpsci_ros.learning.training_config import ClosedLoopConfig
 from vpsci_ros.policy.actor import Actors
 from vpsci_ros.policy.sst import Memory
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH

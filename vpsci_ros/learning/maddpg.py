@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vpsci_ros.learning.adam import Adam
-from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.networks import Critics, Networks
 from vpsci_ros.learning.ragged import by_length
 from vpsci_ros.learning.replay import Batch
+from vpsci_ros.learning.training_config import UpdatesConfig
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vpsci_ros.policy.actor import Actors
-from vpsci_ros.policy.config import CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, FADING, NetworkConfig
 from vpsci_ros.policy.models import MODELS, make_actor
+from vpsci_ros.policy.policy_config import CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, FADING, NetworkConfig
 from vpsci_ros.policy.sst import SSTEncoder
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS

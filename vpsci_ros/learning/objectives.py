@@ -14,10 +14,10 @@ import numpy as np
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.evaluation.scene import Scene
 from vpsci_ros.learning.closed_loop import Recorded, Start, roll_out, simulated_start, wrong
-from vpsci_ros.learning.config import ClosedLoopConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer
 from vpsci_ros.learning.rewards import Rewards
+from vpsci_ros.learning.training_config import ClosedLoopConfig, PretrainConfig, RefineConfig
 from vpsci_ros.runs.plugins import PluginGroup
 
 

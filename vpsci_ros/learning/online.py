@@ -8,9 +8,9 @@ from pathlib import Path
 import polars as pl
 
 from vpsci_ros.evaluation.outcomes import Outcomes, measure_outcomes
-from vpsci_ros.learning.config import RefineConfig, require_learnable
 from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
+from vpsci_ros.learning.training_config import RefineConfig, require_learnable
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy

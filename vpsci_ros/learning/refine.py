@@ -25,7 +25,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import RefineConfig, SpeedRewardsConfig
 from vpsci_ros.learning.divergence import require_finite
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
@@ -33,6 +32,7 @@ from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import SimulatedRewards
+from vpsci_ros.learning.training_config import RefineConfig, SpeedRewardsConfig
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.evaluation.scene import advance, observe, time_to_collision
-from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, Floats, History, collate
+from vpsci_ros.learning.training_config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS, STEP
 from vpsci_ros.world.transition import TRANSITION

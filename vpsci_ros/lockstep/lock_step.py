@@ -11,10 +11,10 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.lockstep.external_driver import ExternalDriver
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
-from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import NO_EVENTS, RUNNING
 from vpsci_ros.world.tick import Actions, Assessment, Floats, Tick, finite_pairs
+from vpsci_ros.world.world_config import WorldConfig
 
 T = TypeVar("T", bound=Assessment | Floats)
 REMEMBERED = 16  # ticks for which a first answer is kept, to compare with later ones

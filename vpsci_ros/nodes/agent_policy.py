@@ -14,7 +14,7 @@ from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
-from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.policy.weights import Weights, weights_from_bytes
 from vpsci_ros.wire import layout

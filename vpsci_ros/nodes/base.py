@@ -21,15 +21,15 @@ from rclpy.timer import Timer
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes import status as reporting
-from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.domain import require_security, set_defaults
 from vpsci_ros.nodes.intake import Intake
+from vpsci_ros.nodes.node_config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
-from vpsci_ros.runs.config import PeerConfig
+from vpsci_ros.runs.run_config import PeerConfig
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 
 T = TypeVar("T")
@@ -58,7 +58,7 @@ class _Destroying(type):
 
 
 class GraphNode(Node, metaclass=_Destroying):
-    """A node of the graph; `vpsci_ros.nodes.config.section_classes` says which parameters it has.
+    """A node of the graph; `vpsci_ros.nodes.node_config.section_classes` says which parameters it has.
 
     :param context: a private context, or None for the global one.
     :param parameter_overrides: as in `rclpy.node.Node`, for graphs in one process.

@@ -21,7 +21,7 @@ from tf2_msgs.msg import TFMessage
 
 from vpsci_msgs.msg import Transition
 from vpsci_ros.documents import parse_json, require_form
-from vpsci_ros.nodes.config import section_classes
+from vpsci_ros.nodes.node_config import section_classes
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.parameters import pick
 from vpsci_ros.wire import layout

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.node_config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.processes import ChildProcess
 

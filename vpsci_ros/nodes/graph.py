@@ -20,10 +20,10 @@ from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.data.near_misses import corpus_files
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.learning.config import LearnerConfig, require_learnable
+from vpsci_ros.learning.training_config import LearnerConfig, require_learnable
 from vpsci_ros.nodes import failures
-from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.domain import only_graph, require_security
+from vpsci_ros.nodes.node_config import GraphConfig, section_classes
 from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
@@ -32,11 +32,11 @@ from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_file import load_policy, require_source
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
 from vpsci_ros.runs.output_folder import FolderLock
 from vpsci_ros.runs.processes import ChildProcess, CoreTime, core_time, stop
 from vpsci_ros.runs.record import RUN_RECORD, write_record
+from vpsci_ros.runs.run_config import RunConfig, Sections
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 

@@ -14,13 +14,13 @@ from std_msgs.msg import UInt64
 from vpsci_msgs.msg import PolicyWeights, Transition
 from vpsci_ros.data.near_misses import load_corpus
 from vpsci_ros.errors import Stopped
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.pretrain import CHECKPOINT, pretrain
 from vpsci_ros.learning.refine import WEIGHTS, Refiner
 from vpsci_ros.learning.refine_log import RefineLog
+from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.topics import RECORDING
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.wire import layout
 

@@ -12,7 +12,7 @@ from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.parameters import pick
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.world_state import StateContent, read_world_state
 from vpsci_ros.wire.world_state import warm_up as warm_up_reading

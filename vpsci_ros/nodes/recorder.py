@@ -15,8 +15,8 @@ from vpsci_ros.bags.episodes import EPISODE_RECORD, BagEpisode, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.convert import parameters_in
+from vpsci_ros.nodes.node_config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, speakers
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import describe, parsed, rewritten

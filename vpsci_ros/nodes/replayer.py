@@ -19,8 +19,8 @@ from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.config import ReplayerConfig
 from vpsci_ros.nodes.convert import diagnostics_message
+from vpsci_ros.nodes.node_config import ReplayerConfig
 from vpsci_ros.nodes.output import PEER_TIMEOUT
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners

@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
-from vpsci_ros.nodes.config import NODES
+from vpsci_ros.nodes.node_config import NODES
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """For messages that a decision depends on: none is lost, and a subscriber may be a thousand messages behind."""

@@ -5,8 +5,8 @@ from typing import Any
 
 from vpsci_ros.nodes import failures
 from vpsci_ros.nodes.status import NodeStatus
-from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.run_config import RunConfig, Sections
 
 SHOWN = ("updates", "refreshes", "closed_loop_ade", "held_out_closed_loop_ade")
 

@@ -25,7 +25,7 @@ from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.state import FINISHED

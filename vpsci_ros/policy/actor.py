@@ -5,7 +5,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 
-from vpsci_ros.policy.config import ACTOR_HIDDEN, NetworkConfig
+from vpsci_ros.policy.policy_config import ACTOR_HIDDEN, NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, Memory, SSTEncoder, SSTLayer, entry
 from vpsci_ros.world.observation import ACTION_SIZE
 

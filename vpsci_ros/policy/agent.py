@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.policy.bank import Bank
-from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.histories import Histories
-from vpsci_ros.policy.people import PeopleAtWork
+from vpsci_ros.policy.people_agent import PeopleAtWork
+from vpsci_ros.policy.policy_config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, require_source
 from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import Weights

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import learned_agent
-from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.world.loop import Agent
 from vpsci_ros.world.observation import AGENTS

@@ -13,7 +13,7 @@ The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distrib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.policy.config import NoiseConfig
+from vpsci_ros.policy.policy_config import NoiseConfig
 from vpsci_ros.world.counter_rng import STREAM_EXPLORATION, normals
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.actor import Actor
-from vpsci_ros.policy.config import SST, NetworkConfig
+from vpsci_ros.policy.policy_config import SST, NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer
 from vpsci_ros.runs.plugins import PluginGroup
 

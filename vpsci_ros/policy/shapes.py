@@ -3,7 +3,7 @@
 import importlib
 import itertools
 
-from vpsci_ros.policy.config import ACTOR_HIDDEN, CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, SST, NetworkConfig
+from vpsci_ros.policy.policy_config import ACTOR_HIDDEN, CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, SST, NetworkConfig
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 
 Shapes = dict[str, tuple[int, ...]]

@@ -8,8 +8,8 @@ from typing import Any
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import values_of
-from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.runs.config import RunConfig, Sections
+from vpsci_ros.policy.policy_config import PolicyConfig
+from vpsci_ros.runs.run_config import RunConfig, Sections
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS
 

@@ -22,7 +22,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 

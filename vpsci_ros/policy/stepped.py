@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.config import SST
+from vpsci_ros.policy.policy_config import SST
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.tensor_file import Tensors, digest_of, read_bytes, read_tensors, tensors_to_bytes
 from vpsci_ros.runs.files import atomic_write

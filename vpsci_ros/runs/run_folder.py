@@ -14,10 +14,10 @@ from typing import Any
 from vpsci_ros.documents import dump_yaml, parse_yaml, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import FAILURE, changed_files, require_empty_folder, sha256, write_text
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.record import RUN_RECORD, read_record, write_record
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.stop_request import uninterrupted
 
 PARAMETERS = "params.yaml"

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.state import HANDED_BACK, HANDED_OVER, RUNNING
+from vpsci_ros.world.world_config import WorldConfig
 
 
 def policy_frame(state: NDArray[np.void], config: WorldConfig) -> NDArray[np.bool_]:

@@ -6,7 +6,6 @@ A file of `spawns` draws the positions and motions of vehicle and pedestrians.
 import math
 
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.config import VEHICLE_DRIVERS
 from vpsci_ros.world.crowd import (
     FOLLOWER,
     GROUP,
@@ -27,6 +26,7 @@ from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.spawns import begin, join, put
 from vpsci_ros.world.spawns.approach import step_towards
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
+from vpsci_ros.world.world_config import VEHICLE_DRIVERS
 
 REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents
 _TRIES = 16  # steps back until a pedestrian has room to begin

@@ -11,7 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world.calibration import TURNING_DECELERATION, mirrored, right_turns
-from vpsci_ros.world.config import (
+from vpsci_ros.world.crowd import Crowd
+from vpsci_ros.world.lane_driving import comfortable_speeds
+from vpsci_ros.world.paths import Path
+from vpsci_ros.world.scenario import Scenario
+from vpsci_ros.world.world_config import (
     PAPERS_RELEASE,
     PAPERS_TIME,
     PEDESTRIAN_DRIVERS,
@@ -19,10 +23,6 @@ from vpsci_ros.world.config import (
     VEHICLE_DRIVERS,
     WorldConfig,
 )
-from vpsci_ros.world.crowd import Crowd
-from vpsci_ros.world.lane_driving import comfortable_speeds
-from vpsci_ros.world.paths import Path
-from vpsci_ros.world.scenario import Scenario
 
 _QUANTITIES = (
     "lane_step",  # [m] between samples of the lane

@@ -11,7 +11,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.compiled import in_threads
 from vpsci_ros.world import engine, handover
 from vpsci_ros.world.compiled import PER_THREAD, SPAWNS_PER_THREAD
-from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recordings import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Points, Scenario
@@ -19,6 +18,7 @@ from vpsci_ros.world.spawn import spawn_all
 from vpsci_ros.world.state import ENDED, EPISODE, IDLE, NO_EVENTS, NONE, RUNNING, concat_events, list_events
 from vpsci_ros.world.tables import Inputs, crowd_from, settings_from, tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
+from vpsci_ros.world.world_config import WorldConfig
 
 _NO_VALUES = np.empty(0)
 _NO_PAIRS, _NO_CONTROLS = np.empty((0, 2)), np.empty((0, 3))

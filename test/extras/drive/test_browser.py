@@ -8,8 +8,8 @@ from typing import Any
 from browser import wait_until
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.extras.drive.page import Page
-from vpsci_ros.extras.drive.run import prepare_person, run_drive
+from vpsci_ros.extras.drive.drive_page import Page
+from vpsci_ros.extras.drive.person_exam import prepare_person, run_drive
 from vpsci_ros.resources import params_dir
 
 

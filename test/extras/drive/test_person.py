@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from vpsci_ros.extras.drive.page import Pressed, _pressed
+from vpsci_ros.extras.drive.drive_page import Pressed, _pressed
 from vpsci_ros.extras.drive.person import held
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_STEERING_ANGLE, WHEELBASE
 

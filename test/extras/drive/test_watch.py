@@ -13,7 +13,7 @@ from page_client import said, visited
 from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.extras.drive.page import Page
+from vpsci_ros.extras.drive.drive_page import Page
 from vpsci_ros.extras.drive.watch import watch_graph
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.wire.header import WireHeader

@@ -10,7 +10,7 @@ from class_in_process import CARELESS, class_in_process
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.extras.exam_extra.search import plan
-from vpsci_ros.extras.exam_extra.search.run import run_search
+from vpsci_ros.extras.exam_extra.search.search_exam import run_search
 from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
 from vpsci_ros.resources import params_dir
 

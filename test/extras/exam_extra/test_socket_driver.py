@@ -18,9 +18,9 @@ from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.driver_class import Observation
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.exam_extra.socket_driver import SocketDriver, connected, prepare_socket
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.workers import ThisMachine

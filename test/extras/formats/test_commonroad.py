@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from vpsci_ros.extras.formats.exporters import Options, export
 from vpsci_ros.extras.formats.movers import movers, road_of
-from vpsci_ros.extras.formats.run import Options, export
 from vpsci_ros.view.episode_sources import read_episodes
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")

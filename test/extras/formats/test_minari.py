@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from vpsci_ros.extras.formats.run import export
+from vpsci_ros.extras.formats.exporters import export
 from vpsci_ros.view.episode_sources import read_episodes
 from vpsci_ros.world.observation import AGENTS
 

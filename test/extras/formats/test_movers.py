@@ -12,8 +12,8 @@ from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.formats.exporters import export
 from vpsci_ros.extras.formats.movers import movers, road_of
-from vpsci_ros.extras.formats.run import export
 from vpsci_ros.view.episode_sources import read_episodes
 from vpsci_ros.world import World, WorldConfig
 from vpsci_ros.world.loop import Loop

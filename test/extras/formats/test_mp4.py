@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from vpsci_ros.extras.formats.exporters import export
 from vpsci_ros.extras.formats.mp4 import SIZE, pictures
-from vpsci_ros.extras.formats.run import export
 from vpsci_ros.view.episode_sources import read_episodes
 
 BAG = "bags/LocationB_PedCross_S-N"

@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from vpsci_ros.extras.formats.exporters import Options, export
 from vpsci_ros.extras.formats.movers import movers, road_of
-from vpsci_ros.extras.formats.run import Options, export
 from vpsci_ros.view.episode_sources import read_episodes
 from vpsci_ros.world.kinematics import WHEELBASE
 from vpsci_ros.world.opendrive import OpenDriveMap

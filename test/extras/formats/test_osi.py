@@ -6,8 +6,8 @@ from mcap.reader import make_reader
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
+from vpsci_ros.extras.formats.exporters import export
 from vpsci_ros.extras.formats.movers import movers
-from vpsci_ros.extras.formats.run import export
 from vpsci_ros.view.episode_sources import read_episodes
 
 osi_trace = pytest.importorskip("osi3trace.osi_trace", reason="pip install 'vpsci_ros[formats]'")

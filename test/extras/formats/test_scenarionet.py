@@ -5,8 +5,8 @@ import pickletools
 import numpy as np
 import pytest
 
+from vpsci_ros.extras.formats.exporters import export
 from vpsci_ros.extras.formats.movers import movers, road_of
-from vpsci_ros.extras.formats.run import export
 from vpsci_ros.extras.formats.scenarionet import record
 from vpsci_ros.view.episode_sources import read_episodes
 

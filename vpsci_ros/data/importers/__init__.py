@@ -1,12 +1,28 @@
 """Importers of recordings: each format is read as clips of tracks at 0.1 s, from which near misses are cut.
 
-`tracks` defines importers and clips, and resamples tracks; `vci`, `cqut_pvi` and `described` read formats, some by a
-`layout` of columns, which `layout_file` reads from layout.yaml. `pairs` finds the near misses of clips, `summary`
-describes them. `run` is the entry point, with the list of formats, to which other installed Python packages add theirs
-(`docs/extending.md`).
+Other installed Python packages add formats to the list in `import_recordings` (`docs/extending.md`).
+
+In reading order:
+
+* `import_recordings`: the entry point of the importers
+* `tracks`: importers, clips and tracks: read from CSV with every value checked, cut at gaps
+* `pairs`: near misses of clips: the CurvTTC of each vehicle with each pedestrian while both are tracked
+* `vci`: VCI-DUT and VCI-CITR: drone recordings of pedestrians among cars on a campus, and around a golf cart
+* `cqut_pvi`: CQUT-PVI: cars that turn right while a pedestrian crosses, at two unsignalised corners in Chongqing
+* `described`: recordings of any other layout, whose columns the file `layout.yaml` in the same folder describes
+* `layout_file`: the file `layout.yaml`, which describes the columns of recordings of any layout
+* `layout`: Tables of tracks with any column names: a layout gives the column and the unit of each quantity
+* `agreement`: what recordings say twice: speeds, velocities, headings and sizes, compared with positions and times
+* `summary`: the result of an import: the near misses, and a summary of each source, printed and stored with the table
 """
 
-from vpsci_ros.data.importers.run import IMPORTERS, import_folders, import_trajectories, imported_clips, named
+from vpsci_ros.data.importers.import_recordings import (
+    IMPORTERS,
+    import_folders,
+    import_trajectories,
+    imported_clips,
+    named,
+)
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, print_import_summary, require_near_misses
 from vpsci_ros.data.importers.tracks import Clip, Importer, Track
 

@@ -1,5 +1,12 @@
 """An exam in which a person drives, in a browser on this machine.
 
-`server` serves the page to this machine alone, `page` turns keys into commands, `run` conducts the exam, and `watch`
-shows a running graph in the same page.
+In reading order:
+
+* `person_exam`: the exam of a person: each episode is driven in the page and stored as a run
+* `person`: a person as the driving system of an exam: the page shows each tick, the pressed keys drive
+* `server`: the page and its WebSocket, served to this machine alone at an address with a secret
+* `drive_page`: the page of `vpsci drive`: its HTML, the data of a tick that it shows
+* `watch`: a running graph, shown live in the page: the states of `/world/state` at a rate for human viewers
+* `foxglove_view`: a running graph in Foxglove: its serialized messages, sent by the WebSocket server of Foxglove's SDK
+* `commands`: the command `vpsci drive`: a person drives, or watches a running graph, in a browser
 """

@@ -43,8 +43,8 @@ def drive(
         _watch_in_foxglove(port)
         return
     require("tornado")
-    from vpsci_ros.extras.drive.page import Page
-    from vpsci_ros.extras.drive.run import RELOADED, prepare_person, run_drive
+    from vpsci_ros.extras.drive.drive_page import Page
+    from vpsci_ros.extras.drive.person_exam import RELOADED, prepare_person, run_drive
 
     sections = read_sections(params, [*(settings or []), *of_people(people)[-1:]])  # the pedestrian's: a person drives
     if episodes is not None:

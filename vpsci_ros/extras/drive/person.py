@@ -3,7 +3,7 @@
 import time
 
 from vpsci_ros.exam.driver_class import Begin, Observation
-from vpsci_ros.extras.drive.page import Page, Pressed
+from vpsci_ros.extras.drive.drive_page import Page, Pressed
 from vpsci_ros.world.kinematics import brake_for, steer_for, throttle_for
 
 SIDEWAYS = 4.0  # [m/s2] to which a pressed key turns the wheel: less, the faster the vehicle is

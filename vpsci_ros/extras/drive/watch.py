@@ -4,7 +4,7 @@ import time
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.driver_class import as_odometry
-from vpsci_ros.extras.drive.page import Page
+from vpsci_ros.extras.drive.drive_page import Page
 from vpsci_ros.nodes.live import subscribe_to_graph
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.world_state import read_world_state

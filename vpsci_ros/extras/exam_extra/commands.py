@@ -44,7 +44,7 @@ def ads_search(
 ) -> None:
     """Find episodes in which a driving system fails (parameter ads_test.failure), and estimate how often it does."""
     from vpsci_ros.exam.exam import prepare
-    from vpsci_ros.extras.exam_extra.search.run import run_search
+    from vpsci_ros.extras.exam_extra.search.search_exam import run_search
     from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
 
     search = SearchConfig(pedestrian, pool, budget)
@@ -129,7 +129,7 @@ def ads_socket(
     quiet: Quiet = False,
 ) -> None:
     """Examine a program in any language that connects to a socket (one JSON object a line), without ROS."""
-    from vpsci_ros.exam.run import run_exam
+    from vpsci_ros.exam.conduct_exam import run_exam
     from vpsci_ros.extras.exam_extra.socket_driver import prepare_socket
 
     site = site_of(workers, cluster, mixed_cpus)

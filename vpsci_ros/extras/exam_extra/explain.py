@@ -13,8 +13,8 @@ from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import ADS, title_of
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
+from vpsci_ros.exam.exam_config import ADS, title_of
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import definitions, rows_of
 from vpsci_ros.exam.timing import head_starts, read_timing
@@ -23,10 +23,10 @@ from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.report import html
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.view.pack import LIMIT, Shown, Source, shown
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.view_page import write_view
 
 FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"

@@ -17,9 +17,9 @@ import yaml
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ADS, BASELINE, title_of
 from vpsci_ros.exam.driver_class import Cockpit
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
+from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
 from vpsci_ros.exam.in_process import DrivenLoop, loop_with
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import Motion
@@ -29,12 +29,12 @@ from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.lockstep.intervention import Intervention, as_parameter
 from vpsci_ros.report import html
-from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.runs.workers import Site
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.view.pack import LIMIT
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.view_page import write_view
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.kinematics import MAX_DECELERATION

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.driver_class import Begin, Driver, Observation
 from vpsci_ros.exam.exam import Exam, prepare, require_lock_step
+from vpsci_ros.exam.exam_config import EXTERNAL
 from vpsci_ros.exam.process import OWN, command_of, failure, running
 from vpsci_ros.lockstep.engines import require_own
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import ChildProcess
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.workers import HERE, Site
 
 PORT = "VPSCI_ADS_PORT"  # environment variable in which a system that is started here finds the port

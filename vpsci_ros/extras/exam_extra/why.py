@@ -22,8 +22,8 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.conduct import run_with
-from vpsci_ros.exam.config import ADS
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.in_graph import domain_of
 from vpsci_ros.exam.measures import episode_table, worst_first
 from vpsci_ros.exam.result import RunResult

@@ -44,8 +44,8 @@ def export(
 ) -> None:
     """Write episodes in other formats, each format in its own folder below the output folder."""
     from vpsci_ros.documents import given_names
-    from vpsci_ros.extras.formats.run import Options
-    from vpsci_ros.extras.formats.run import export as run
+    from vpsci_ros.extras.formats.exporters import Options
+    from vpsci_ros.extras.formats.exporters import export as run
 
     counts = run(source, given_names(formats, "--to"), output, Options(vehicle, road), episodes)
     for name, count in counts.items():

@@ -21,8 +21,8 @@ from commonroad.scenario.state import CustomState, ExtendedPMState, InitialState
 from commonroad.scenario.trajectory import Trajectory
 
 from vpsci_ros.data.episode import Episode
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.extras.formats.movers import Mover, lane_lines, movers, road_of
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.world import Scenario as Road
 
 PROBLEM, LANELET, VEHICLE, PEDESTRIAN = 1, 100, 10, 11  # ids; further pedestrians are 12, 13, ...

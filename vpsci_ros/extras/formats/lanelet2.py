@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.extras.formats.movers import road_of
 from vpsci_ros.extras.formats.opendrive import BEYOND
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.opendrive import middle_line
 

@@ -19,8 +19,8 @@ import pyarrow.parquet as pq
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.interactions import seen_and_done
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.extras.formats.movers import movers, tenths
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.extras.formats.run import Options
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.report.canvas import new_figure, show_all
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground, outlines
 from vpsci_ros.runs.files import atomic_write

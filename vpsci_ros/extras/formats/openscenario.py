@@ -12,9 +12,9 @@ import numpy as np
 from scenariogeneration import xosc
 
 from vpsci_ros.data.episode import Episode, Floats
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.extras.formats.movers import Mover, movers, road_of
 from vpsci_ros.extras.formats.opendrive import write_map
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_STEERING_ANGLE, WHEELBASE
 

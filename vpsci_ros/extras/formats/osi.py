@@ -19,8 +19,8 @@ from osi_utilities import MCAPChannel
 from vpsci_ros import __version__
 from vpsci_ros.data.episode import RECORDED, Episode
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.extras.formats.movers import Mover, movers
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.kinematics import WHEELBASE

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.data.episode import Episode, Floats
+from vpsci_ros.extras.formats.exporters import Options
 from vpsci_ros.extras.formats.movers import Mover, lane_lines, movers, road_of, tenths
-from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP

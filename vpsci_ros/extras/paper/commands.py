@@ -85,7 +85,7 @@ def samples(
     In full, with params/stage1_pretrain.yaml: hours on one core.
     For a test of a minute: --sizes 50,100 --set learner.episodes=20
     """
-    from vpsci_ros.extras.paper.studies.run import run_sample_study
+    from vpsci_ros.extras.paper.studies.run_studies import run_sample_study
 
     chosen = given_names(sizes or "", "--sizes")
     if not all(part.isdigit() for part in chosen):
@@ -124,7 +124,7 @@ def folds(
     In full, with params/stage1_pretrain.yaml: hours on one core.
     For a test of a minute: --folds 2 --set learner.episodes=20
     """
-    from vpsci_ros.extras.paper.studies.run import run_fold_study
+    from vpsci_ros.extras.paper.studies.run_studies import run_fold_study
 
     site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
@@ -181,7 +181,7 @@ def models(
     Budgets and their cost: docs/results.md. For a test of a minute:
     --models sst,lstm --folds 2 --set learner.episodes=20
     """
-    from vpsci_ros.extras.paper.studies.run import run_model_study
+    from vpsci_ros.extras.paper.studies.run_studies import run_model_study
 
     factors = _factors(steps)
     site = site_of(workers, cluster, mixed_cpus)
@@ -235,7 +235,7 @@ def weights(
     a minute: --weightings equal,adaptive --fresh-episodes 5
     --set world_simulator.episodes=4 --set learner.refresh_every=5
     """
-    from vpsci_ros.extras.paper.studies.run import run_weight_study
+    from vpsci_ros.extras.paper.studies.run_studies import run_weight_study
 
     site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
@@ -332,7 +332,7 @@ def score(
 ) -> None:
     """Write Table 11 and Figure 10 beside the paper's values."""
     from vpsci_ros.extras.paper.turing.answers import read_answers
-    from vpsci_ros.extras.paper.turing.page import PAGE, write_result
+    from vpsci_ros.extras.paper.turing.result_page import PAGE, write_result
 
     result = write_result(read_answers(key, answers), output)
     rated = ", ".join(f"{source} {share:.0%}" for source, share in result["rated_real"].items())

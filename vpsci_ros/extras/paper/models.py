@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vpsci_ros.learning.objectives import Objective, PolicyGradient, Training
-from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import Model
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTLayer
 
 

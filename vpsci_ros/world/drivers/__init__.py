@@ -6,14 +6,24 @@ pedestrian of "autopilot". Without a command or an action the rule-based pair dr
 
 Vehicle and pedestrians decide on the same frame: `controls` and `keep_apart` are called before any of them moves, and
 `acceleration` reads the pedestrian's own record only.
+
+In reading order:
+
+* `autopilot`: the rule-based driver: keeps its lane and its speed
+* `walker`: the walker: follows its route at its speed and does not react to the vehicle
+* `policy`: the policy drivers: an agent moves by its policy's last action, held until the next policy frame
+* `external`: the external drivers: vehicle or pedestrian moves by commands from outside the world
+* `replay`: the replay drivers: an agent follows its recorded positions, and goes straight on after the last one
+* `constant_velocity`: a pedestrian that sets off once, at its walking speed, and keeps its velocity
+* `social_force`: the social force model: the driver `social_force`, whom the vehicle repels
 """
 
 from vpsci_ros.world.compiled import inlined
-from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.drivers import autopilot, constant_velocity, external, policy, social_force, walker
 from vpsci_ros.world.lane_driving import pursuit_curvature
 from vpsci_ros.world.spawns import as_recorded
 from vpsci_ros.world.spawns.approach import lane_sway, step_towards
+from vpsci_ros.world.world_config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
 CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")

@@ -6,11 +6,18 @@ episodes have the rules of section 3.2 (`config.PAPERS_GAIN` and beside it), the
 A spawn has three functions of EPISODE records. `begin` draws the vehicle and the first pedestrian and returns the time
 [s] that the car needs to the crossing; `join` draws a further pedestrian, by that time; `put` puts a pedestrian at an
 arc length of its route [m]. The functions here call those of the spawn with index `which`.
+
+In reading order:
+
+* `right_turns`: the spawn `right_turns`: up to a second before a recorded onset, with the recorded motion until then
+* `human`: the spawn `human`: both agents begin one to two seconds before the drawn onset of a conflict
+* `paper`: the spawn of section 3.2 of the paper
+* `approach`: the motion of the rule-based pair with the spawns `right_turns` and `human`, which draw driver and walker
 """
 
 from vpsci_ros.world.compiled import inlined, kernel
-from vpsci_ros.world.config import PAPERS_GAIN, SPAWNS
 from vpsci_ros.world.spawns import human, paper, right_turns
+from vpsci_ros.world.world_config import PAPERS_GAIN, SPAWNS
 
 RIGHT_TURNS, HUMAN, PAPER, MIXED = (SPAWNS.index(name) for name in ("right_turns", "human", "paper", "mixed"))
 

@@ -11,7 +11,7 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.page import NUMBERS, PAGE, TABLE, write_report
+from vpsci_ros.extras.paper.section_4.section_4_page import NUMBERS, PAGE, TABLE, write_report
 
 Written = tuple[Path, dict[str, Any]]
 PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")

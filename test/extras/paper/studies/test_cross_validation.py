@@ -7,11 +7,11 @@ from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
 from vpsci_ros.extras.paper.studies.cross_validation import cross_validate
 from vpsci_ros.extras.paper.studies.folds import folds_by_clip
-from vpsci_ros.learning.config import (
+from vpsci_ros.learning.training_config import (
     PretrainConfig,
     ReplayConfig,
 )
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 
 SMALL = NetworkConfig(hidden=16, heads=2)

@@ -6,12 +6,12 @@ from rich.console import Console
 
 from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, reward_weight_study, sample_size_study
 from vpsci_ros.extras.paper.studies.tables import print_table_5
-from vpsci_ros.learning.config import (
+from vpsci_ros.learning.training_config import (
     PretrainConfig,
     RefineConfig,
     ReplayConfig,
 )
-from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.policy.policy_config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios

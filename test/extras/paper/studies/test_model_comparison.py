@@ -9,12 +9,12 @@ from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.networks import train
 from vpsci_ros.extras.paper.studies.table_9_page import table_9_page
-from vpsci_ros.learning.config import (
+from vpsci_ros.learning.training_config import (
     PretrainConfig,
     RefineConfig,
     ReplayConfig,
 )
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios

@@ -7,11 +7,11 @@ from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import eligible, reconstruct
 from vpsci_ros.extras.paper.models import ROWS
 from vpsci_ros.extras.paper.studies.networks import train, untrained
-from vpsci_ros.learning.config import PretrainConfig, ReplayConfig, SpeedRewardsConfig, UpdatesConfig
 from vpsci_ros.learning.replay import collate, recorded_histories
+from vpsci_ros.learning.training_config import PretrainConfig, ReplayConfig, SpeedRewardsConfig, UpdatesConfig
 from vpsci_ros.policy.actor import previous
-from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import MODELS
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.world.observation import AGENTS
 
 SMALL = NetworkConfig(hidden=16, heads=2)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.extras.paper.studies.paper import CAPTIONS
-from vpsci_ros.extras.paper.turing.page import write_result
+from vpsci_ros.extras.paper.turing.result_page import write_result
 
 
 @pytest.fixture(scope="module")

@@ -74,6 +74,6 @@ def realism(
     Some seconds of one core for each model and hundred onsets.
     """
     options = locals()
-    from vpsci_ros.extras.paper.realism.run import run_realism
+    from vpsci_ros.extras.paper.realism.measure_realism import run_realism
 
     run_realism(**options)

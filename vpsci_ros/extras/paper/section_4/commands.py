@@ -46,11 +46,11 @@ def report(
         --set world_simulator.vehicle_driver=autopilot
         --set world_simulator.pedestrian_driver=autopilot
     """
-    from vpsci_ros.extras.paper.section_4.page import PAGE, TABLE, VIEW, sources_of_report, write_report
+    from vpsci_ros.extras.paper.section_4.section_4_page import PAGE, TABLE, VIEW, sources_of_report, write_report
     from vpsci_ros.runs.output_folder import output_folder
     from vpsci_ros.runs.progress import Bars
     from vpsci_ros.view.episode_sources import read_source
-    from vpsci_ros.view.page import write_view
+    from vpsci_ros.view.view_page import write_view
 
     folder_of_report = output or folder / "report"
     with output_folder(folder_of_report), Bars("reading", quiet=quiet) as bars:

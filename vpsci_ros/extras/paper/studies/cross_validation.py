@@ -23,9 +23,9 @@ from vpsci_ros.extras.paper.studies.state import StudyReport, once, side_by_side
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning import refine as stage_2
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, resolved
 from vpsci_ros.runs.files import write_json

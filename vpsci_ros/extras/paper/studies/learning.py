@@ -26,9 +26,9 @@ from vpsci_ros.extras.paper.studies.networks import Report
 from vpsci_ros.extras.paper.studies.state import StudyReport, is_made, once, side_by_side, trained
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, resolved
 from vpsci_ros.runs.files import atomic_write

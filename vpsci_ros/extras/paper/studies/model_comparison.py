@@ -24,9 +24,9 @@ from vpsci_ros.extras.paper.studies.state import StudyReport, once, side_by_side
 from vpsci_ros.extras.paper.studies.trials import try_steps, with_steps
 from vpsci_ros.learning import online
 from vpsci_ros.learning import refine as stage_2
-from vpsci_ros.learning.config import PretrainConfig
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig
 from vpsci_ros.policy.models import MODELS
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.workers import HERE, Site

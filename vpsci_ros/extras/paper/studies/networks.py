@@ -10,15 +10,15 @@ import numpy as np
 import torch
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig
 from vpsci_ros.policy.models import MODELS, network_of
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS, STEP
 

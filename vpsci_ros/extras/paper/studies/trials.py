@@ -12,8 +12,8 @@ from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import eligible, measure
 from vpsci_ros.extras.paper.studies.folds import folds_by_clip
 from vpsci_ros.extras.paper.studies.networks import train
-from vpsci_ros.learning.config import PretrainConfig
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.learning.training_config import PretrainConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 
 PARTS, SHARE = 4, 3  # one of so many parts of the training clips is held back, and a trial has 1/3 of the updates
 

@@ -18,7 +18,7 @@ from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.view.page import SCENE, inlined
+from vpsci_ros.view.view_page import SCENE, inlined
 from vpsci_ros.world.observation import STEP
 
 PAGE, KEY = "questionnaire.html", "key.json"

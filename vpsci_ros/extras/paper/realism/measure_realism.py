@@ -29,10 +29,10 @@ from vpsci_ros.extras.paper.realism.two_sample import FAMILIES, REPETITIONS
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.resources import near_misses_path, weights_path
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 
 RESULT = "realism.json"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 from vpsci_ros.policy.agent_types import AGENT_TYPES
-from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.policy.policy_config import LEARNED
 
 SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it

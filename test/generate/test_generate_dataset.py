@@ -19,10 +19,10 @@ from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.generate.generate_dataset import generate, part_writers, simulators
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.parts import FINISHED, FOLDER, read_part, write_part
 from vpsci_ros.generate.plan import DatasetPlan
-from vpsci_ros.generate.run import generate, part_writers, simulators
 from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.generate.verify import repeated
 from vpsci_ros.runs.files import atomic_write, sha256
@@ -89,7 +89,7 @@ def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr("vpsci_ros.generate.run.write_record", killed)
+        patched.setattr("vpsci_ros.generate.generate_dataset.write_record", killed)
         make(tmp_path / "d")
     assert (tmp_path / "d" / DESCRIPTION).is_file()
     assert make(tmp_path / "d").computed == 0
@@ -241,7 +241,7 @@ def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, ma
         patch.setattr("vpsci_ros.generate.job.cpu_name", lambda: "Another CPU")
         with pytest.raises(InvalidInput, match="and this one has 'Another CPU'"):
             make(made)
-    monkeypatch.setattr("vpsci_ros.generate.run.software_versions", lambda: {"numpy": "0.1"})
+    monkeypatch.setattr("vpsci_ros.generate.generate_dataset.software_versions", lambda: {"numpy": "0.1"})
     with pytest.raises(InvalidInput, match=r"holds a dataset with versions\."):
         make(made)
 
@@ -261,7 +261,7 @@ def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, m
 
 
 def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("vpsci_ros.generate.run.DatasetPlan", partial(DatasetPlan, give_up=1.0))
+    monkeypatch.setattr("vpsci_ros.generate.generate_dataset.DatasetPlan", partial(DatasetPlan, give_up=1.0))
     strict = dataclasses.replace(job, filters=dataclasses.replace(job.filters, vehicle_distance=1000.0))
     with pytest.raises(VpsciError, match=r"0 of \d+ episodes passed the filters, 12 are wanted"):
         generate(strict, TARGETS, tmp_path, partial(part_writers, strict, 64, ThisMachine()), unit=UNIT)

@@ -10,8 +10,8 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput, packages_of
 from vpsci_ros.resources import near_misses_part
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.plugins import PluginGroup
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import PARAMETERS, RunFolder
 from vpsci_ros.view.episode_sources import open_source
 

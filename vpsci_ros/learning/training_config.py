@@ -10,8 +10,8 @@ from pathlib import Path
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.resources import weights_path
-from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.world_config import WorldConfig
 
 
 @dataclass(frozen=True)

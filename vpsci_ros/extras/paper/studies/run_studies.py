@@ -35,9 +35,9 @@ from vpsci_ros.extras.paper.studies.tables import (
 )
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.policy.simulation_config import SimulationConfig
-from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import StageBar
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 from vpsci_ros.runs.workers import HERE, Site, mixed

@@ -21,8 +21,8 @@ from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ADS, AUTOPILOTS_TIMING, title_of
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
+from vpsci_ros.exam.exam_config import ADS, AUTOPILOTS_TIMING, title_of
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
 from vpsci_ros.extras.exam_extra.search.imitation import lessons
 from vpsci_ros.extras.exam_extra.search.plan import AT_RANDOM, Plan

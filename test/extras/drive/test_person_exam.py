@@ -17,8 +17,8 @@ from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.view import read_exam
-from vpsci_ros.extras.drive.page import Page
-from vpsci_ros.extras.drive.run import prepare_person, run_drive
+from vpsci_ros.extras.drive.drive_page import Page
+from vpsci_ros.extras.drive.person_exam import prepare_person, run_drive
 from vpsci_ros.resources import params_dir
 
 FACTOR = 20.0  # times as fast as on a clock

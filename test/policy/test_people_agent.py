@@ -29,7 +29,7 @@ from vpsci_ros.policy.choice import CLOSE, FADES, NEAREST, ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
-from vpsci_ros.policy.people import walked_in
+from vpsci_ros.policy.people_agent import walked_in
 from vpsci_ros.policy.policy_file import load_policy, policy_from_bytes
 from vpsci_ros.policy.tensor_file import tensors_to_bytes
 from vpsci_ros.safety import CRITICAL_TTC, clearance

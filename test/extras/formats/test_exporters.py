@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.formats.run import Options, export
+from vpsci_ros.extras.formats.exporters import Options, export
 
 
 def test_the_command_writes_a_folder_for_each_format_and_says_where(own_bag, tmp_path):

@@ -1,7 +1,7 @@
 """The exam of a person: each episode is driven in the page and stored as a run; a report follows at the end.
 
-The output folder is that of an exam (`vpsci_ros.exam.run`), with replays/ beside it. The same command goes on after the
-episodes that are driven.
+The output folder is that of an exam (`vpsci_ros.exam.conduct_exam`), with replays/ beside it. The same command goes on
+after the episodes that are driven.
 """
 
 import contextlib
@@ -14,18 +14,18 @@ import numpy as np
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import is_done, run_with
-from vpsci_ros.exam.config import EXTERNAL, PERSON, title_of
+from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
+from vpsci_ros.exam.exam_config import EXTERNAL, PERSON, title_of
 from vpsci_ros.exam.in_process import autopilot_run, loop_with
 from vpsci_ros.exam.result import RunResult, label_of
-from vpsci_ros.exam.run import run_exam
-from vpsci_ros.extras.drive.page import Page
+from vpsci_ros.extras.drive.drive_page import Page
 from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
-from vpsci_ros.runs.config import Sections
+from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.view.pack import Source, shown
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.view_page import write_view
 from vpsci_ros.world.tick import Actions
 
 RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it is loaded again

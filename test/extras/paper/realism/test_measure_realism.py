@@ -18,7 +18,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
 from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
-from vpsci_ros.extras.paper.realism.run import drawn, measure_realism
+from vpsci_ros.extras.paper.realism.measure_realism import drawn, measure_realism
 from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import two_sample

@@ -3,7 +3,7 @@
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.run_config import RunConfig
 
 
 def test_scenarios_take_turns():

@@ -18,9 +18,9 @@ from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.config import ADS, ALONE, BASELINE, OWN_TIMING
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
+from vpsci_ros.exam.exam_config import ADS, ALONE, BASELINE, OWN_TIMING
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
@@ -33,7 +33,7 @@ from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.workers import HERE, Site, mixed
 from vpsci_ros.view.pack import LIMIT
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.view_page import write_view
 
 VIEW, REPORT = "view.html", "report.html"
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import build, parameter
-from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.runs.config import PatienceConfig, PeerConfig, RunConfig
-from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.policy.policy_config import NetworkConfig, PolicyConfig
+from vpsci_ros.runs.run_config import PatienceConfig, PeerConfig, RunConfig
 from vpsci_ros.world.perception import PerceptionConfig
+from vpsci_ros.world.world_config import WorldConfig
 
 NODES = (
     "world_simulator",
