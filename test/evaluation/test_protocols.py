@@ -130,9 +130,11 @@ def test_interactions_shorter_than_a_second_are_left_out():
     assert len(eligible(straight(critical=slice(12, 23)))) == 1
 
 
-def test_an_untrained_policy_is_the_control(networks, near_misses):
-    interactions = eligible(from_table(near_misses))
-    policy = PolicyPredictor(networks(gain=0.0).weights({}, {}))
+def test_a_policy_whose_network_adds_nothing_to_what_does_not_go_on_is_the_control(networks, near_misses):
+    interactions, made = eligible(from_table(near_misses)), networks(gain=0.0)
+    for agent in AGENTS:
+        made.actor[agent].fading.zero_()
+    policy = PolicyPredictor(made.weights({}, {}))
     control = RepeatVelocity(policy.tracked_steps)
     np.testing.assert_allclose(closed_loop(policy, interactions).ade, closed_loop(control, interactions).ade, atol=1e-6)
 

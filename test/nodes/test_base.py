@@ -72,16 +72,16 @@ def test_a_node_whose_making_fails_is_destroyed_at_once_and_not_by_the_garbage_c
 
 
 def test_a_learner_has_the_parameters_of_its_stage_and_refuses_those_of_the_other(context: Context) -> None:
-    learner = GraphNode("learner", context=context, parameter_overrides=[override("episodes", 25)])
-    assert learner.config(PretrainConfig).episodes == 25
+    learner = GraphNode("learner", context=context, parameter_overrides=[override("held_out_clips", ["none"])])
+    assert learner.config(PretrainConfig).held_out_clips == ["none"]
     assert not learner.has_parameter("updates_per_episode")
     learner.destroy_node()
     refine = [override("stage", "refine"), override("updates_per_episode", 0.5)]
     learner = GraphNode("learner", context=context, parameter_overrides=refine)
     assert learner.config(RefineConfig).updates_per_episode == 0.5
     learner.destroy_node()
-    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'episodes'"):
-        GraphNode("learner", context=context, parameter_overrides=[*refine, override("episodes", 25)])
+    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'held_out_clips'"):
+        GraphNode("learner", context=context, parameter_overrides=[*refine, override("held_out_clips", ["none"])])
 
 
 def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every_node(tmp_path: Path) -> None:

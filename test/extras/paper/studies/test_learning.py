@@ -62,7 +62,7 @@ def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_pat
         assert (table[f"{name}_low"] <= table[f"{name}_rate"]).all()
         assert (table[f"{name}_rate"] <= table[f"{name}_high"]).all()
     assert table["reconstruction_fde"].null_count() == table["closed_loop_ade"].null_count() == 0
-    assert pl.read_csv(tmp_path / "table_5.csv").height == 4
+    assert pl.read_csv(tmp_path / "table_5.csv").height == 5
     console = Console(width=80, file=StringIO())
     print_table_5(table, console)
     printed = console.file.getvalue()
