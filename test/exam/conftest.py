@@ -24,6 +24,7 @@ def small(ads_class: str = EXAMPLE, *, bags: bool = False, recorded: str = "", *
         "pedestrians": ["learned", "walker"],
         "baseline": False,
         "allow_standing": True,
+        "timing": "autopilot",
         "bags": bags,
         "recorded": recorded,
     }

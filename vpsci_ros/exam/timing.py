@@ -293,7 +293,7 @@ def not_met(report: Mapping[str, Any]) -> list[str]:
 
 def sentence(report: Mapping[str, Any]) -> str:
     """Return in words whose approach the pedestrians of a report's exam are timed to."""
-    found = report["timing"]
+    found = report.get("timing")
     if found is None:
         return "The pedestrians are timed to the autopilot's approach."
     of, same, untimed = found["episodes"], found["baseline"], len(found["untimed"])
