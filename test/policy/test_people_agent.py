@@ -25,7 +25,7 @@ from vpsci_ros.policy.bank import (
     describe,
     save_bank,
 )
-from vpsci_ros.policy.choice import CLOSE, FADES, NEAREST, ReactionReplay
+from vpsci_ros.policy.choice import CLOSE, FADES, MARGIN, NEAREST, ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
@@ -304,7 +304,7 @@ def test_a_bank_of_one_near_miss_acts(tmp_path: Path) -> None:
 
 def test_agents_that_touch_are_never_as_far_apart_as_those_whose_clearance_is_skipped() -> None:
     east, north = np.meshgrid(np.linspace(-4.0, 4.0, 401), np.linspace(-4.0, 4.0, 401))
-    touch = clearance(0.0, 0.0, 0.0, east.ravel(), north.ravel()) <= 0.0
+    touch = clearance(0.0, 0.0, 0.0, east.ravel(), north.ravel()) <= MARGIN
     furthest = np.hypot(east.ravel(), north.ravel())[touch].max()
     assert CLOSE - 0.1 < furthest < CLOSE
 

@@ -7,8 +7,8 @@ its rest leads to contact.
 
 A reaction is what was done beyond the acceleration at the situation: to each recorded step is added by how much the
 agent's own acceleration differs from the recorded one, fading by `FADES` a step. Where the own one is not known, the
-reaction is the recorded one. A roll-out finds whether the two touch: both move by the world's own kinematics, and keep
-their velocities for `BEYOND` steps where the recording ends sooner.
+reaction is the recorded one. A roll-out finds whether the two touch, or come nearer than `MARGIN`: both move by the
+world's own kinematics, and keep their velocities for `BEYOND` steps where the recording ends sooner.
 
 Driver and pedestrian draw by the same numbers and see the same, so they choose two halves of one reaction. If the other
 agent deviates from the chosen reaction by more than `LEFT` (a driving system, a walker who does not look), it is
@@ -37,8 +37,11 @@ FADES = 0.95, 0.95, 0.7, 0.7  # by which a step multiplies what is added to the 
 FADED = np.array(FADES) ** np.arange(100)[:, None]  # float64[100, 4], after so many steps; then hardly anything is left
 AHEAD = 30  # steps that a roll-out looks ahead
 BEYOND = 20  # steps for which both keep their velocities after a reaction
+MARGIN = 0.15  # [m] between the footprints: a roll-out looks each 0.1 s, and contacts happen in between
 LEFT = 0.05  # [m] by which the other agent may deviate from the chosen reaction
-CLOSE = math.hypot(0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH) + PEDESTRIAN_RADIUS + 0.01  # [m] no contact beyond it
+CLOSE = (
+    math.hypot(0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH) + PEDESTRIAN_RADIUS + MARGIN + 0.01
+)  # [m] none nearer beyond
 
 NOBODY, CAR, WALKER = 0, 1, 2  # the unpredicted agent, which keeps its velocity
 
@@ -99,7 +102,7 @@ def _free_steps(situation, who, steps, done):  # type: ignore[no-untyped-def]
         px, py, vx, vy = walk(px, py, vx, vy, ax, ay, 1.0, math.inf, STEP)
         if (px - x) * (px - x) + (py - y) * (py - y) > CLOSE * CLOSE:
             continue  # most steps: a clearance costs a sine and a cosine
-        if clearance_pair(x, y, heading, px, py, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 0.0:
+        if clearance_pair(x, y, heading, px, py, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= MARGIN:
             return k
     return AHEAD
 
