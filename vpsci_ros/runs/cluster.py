@@ -329,7 +329,8 @@ class ClusterWorkers(Generic[Unit, Result]):
         self._hosts.clear()
         with contextlib.suppress(Exception):  # it may be lost
             self._client.cancel([task.future for task in self._running] + list(self._asked.values()))
-            self._client.run(dismiss, self._name, workers=list(self._members), on_error="ignore")
+            asked = [*self._members, *self._left_out]  # one whose host another worker has waits there with a process
+            self._client.run(dismiss, self._name, workers=asked, on_error="ignore")
         with contextlib.suppress(Exception):
             self._client.close(_LOOK)
 
