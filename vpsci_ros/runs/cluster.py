@@ -28,7 +28,7 @@ from vpsci_ros.runs.workers import PlacedJob, Result, Unit, Workers
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-MOST_DEATHS = 3  # of workers at one unit
+MOST_DEATHS = 3  # of workers at one unit, which is given up if that is more than half of all deaths
 PATIENCE = 300.0  # [s] without any worker
 _ANSWERS = 10.0  # [s] that a scheduler has to answer
 _LOOK = 1.0  # [s] between looks for workers that came or went
@@ -135,6 +135,7 @@ class ClusterWorkers(Generic[Unit, Result]):
         self._queue: deque[_Task[Unit]] = deque()
         self._running: list[_Task[Unit]] = []  # in the order in which they were sent
         self._lost: list[str] = []
+        self._deaths = 0
         self._finished: queue.Queue[tuple[_Task[Unit] | str, Any]] = queue.Queue(1)
         self._closed, self._looked, self._manned = False, 0.0, time.monotonic()
         try:
@@ -276,7 +277,8 @@ class ClusterWorkers(Generic[Unit, Result]):
         :param death: how the worker died at it; empty: it did not.
         """
         task.deaths += bool(death)
-        if task.deaths < MOST_DEATHS:
+        self._deaths += bool(death)
+        if task.deaths < MOST_DEATHS or 2 * task.deaths <= self._deaths:  # most workers died at others: not its fault
             self._queue.appendleft(task)
             return
         self._lost.append(f"{task.unit} killed {task.deaths} workers, the last time {death}")
