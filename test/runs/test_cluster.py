@@ -275,4 +275,4 @@ def test_each_graph_of_an_exam_runs_on_a_host_of_its_own(hosts: list[list[str]],
         assert not cluster.children()
     runs = sorted(path.name for path in (tmp_path / "exam" / "runs").iterdir())
     assert runs == ["alone", "walker"]
-    assert all((tmp_path / "exam" / "runs" / run / "frames.parquet").is_file() for run in runs)
+    assert all((tmp_path / "exam" / "runs" / run / "1" / "frames.parquet").is_file() for run in runs)
