@@ -176,13 +176,12 @@ def _predicted(onset: np.void, car: Sequence[float], tick: float) -> tuple[Float
     around = np.arange(-HORIZON, 2.0 * HORIZON, tick)
     place = np.array([onset["pedestrian_x"], onset["pedestrian_y"]])
     walk = place + np.array([onset["pedestrian_vx"], onset["pedestrian_vy"]]) * around[:, None]
-    return contacts(*_unchanged(*car, tick), walk, around)
+    return contacts(*_unchanged(car, tick), walk, around)
 
 
-def _unchanged(
-    x: float, y: float, heading: float, speed: float, curvature: float, tick: float
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return places [m], headings [rad] and times [s] of a car that keeps speed and curvature, float64[T] each."""
+def _unchanged(car: Sequence[float], tick: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return places [m], headings [rad] and times [s] of a `_car` that keeps speed and curvature, float64[T] each."""
+    x, y, heading, speed, curvature = car
     ahead = np.arange(0.0, HORIZON, tick)
     headings = heading + math.copysign(1.0, curvature) * np.minimum(abs(curvature) * speed * ahead, _LARGEST_ARC)
     way = [np.concatenate([[0.0], np.cumsum(speed * tick * part(headings[:-1]))]) for part in (np.cos, np.sin)]
@@ -208,8 +207,8 @@ def contacts(
         walkers = walkers[((walk[walkers] >= low) & (walk[walkers] <= high)).all(axis=1)]
         if not len(walkers):
             return np.empty(0), np.empty(0, np.int64)
-    pair = [values[frames][:, None] for values in (x, y, heading)]
-    touch, who = np.nonzero(clearance(*pair, walk[walkers, 0], walk[walkers, 1]) <= 0.0)
+    at = frames[:, None]
+    touch, who = np.nonzero(clearance(x[at], y[at], heading[at], walk[walkers, 0], walk[walkers, 1]) <= 0.0)
     return clock[walkers][who] - time[frames][touch], frames[touch]
 
 
@@ -219,7 +218,8 @@ def _timed(met: Encounter, alone: Episode, tick: float) -> Timed:
     A walker that turns away after the onset touches nobody who keeps the lane. Then the onset alone is timed: as the
     system comes to its place, with its own speed and curvature there, both would touch if they went on unchanged.
     """
-    drive, clock, time = alone.filled(), tick * np.arange(len(met.walk)), alone.time
+    drive, time = alone.filled(), alone.time
+    clock: Floats = tick * np.arange(len(met.walk), dtype=np.float64)
     starts, frames = contacts(drive.x, drive.y, drive.heading, time, met.walk, clock)
     if len(starts):
         start = tick * round(_within(starts, met.share) / tick)

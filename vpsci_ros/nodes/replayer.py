@@ -68,7 +68,7 @@ class Replayer(GraphNode):
             after = f" after {config.start:g} s" if config.start else ""
             raise InvalidInput(f"{config.bag}: the bag holds no message of {_names(chosen)}{after}")
         self._sent = self._rounds = 0
-        self._at, self._clock = self._next.time, -1
+        self._at, self._shown = self._next.time, -1
         self._anchor = (time.monotonic(), self._at)
         self._readers, self._readers_since = -1, time.monotonic()
         self._begun = False
@@ -170,8 +170,8 @@ class Replayer(GraphNode):
     def _publish(self) -> None:
         message = self._next
         assert message is not None
-        if message.time > self._clock:
-            self._at = self._clock = self.simulated_at = message.time
+        if message.time > self._shown:
+            self._at = self._shown = self.simulated_at = message.time
             if self._makes_clock:
                 self._outlets[CLOCK].publish(Clock(clock=self.simulated_time))
         self._outlets[message.topic].publish(message.data)
@@ -179,7 +179,7 @@ class Replayer(GraphNode):
         self._next = next(self._messages, None)
         if self._next is None and self._loop:
             self._messages = self._read()
-            self._next, self._clock = next(self._messages), -1
+            self._next, self._shown = next(self._messages), -1
             self._rounds += 1
             self._restart_pace()
 

@@ -67,10 +67,10 @@ def run_search(
     failure = exam.config.failure
     if exam.run.only:
         raise InvalidInput("ads-search and a list of episodes exclude each other; take world_simulator.only out")
-    own = {"timing": AUTOPILOTS_TIMING}  # the pool's episodes are too many to drive alone first
-    exam = dataclasses.replace(
-        exam, config=dataclasses.replace(exam.config, **own), sections=exam.sections.changed("ads_test", own)
-    )
+    # The pool's episodes are too many to drive alone first.
+    config = dataclasses.replace(exam.config, timing=AUTOPILOTS_TIMING)
+    sections = exam.sections.changed("ads_test", {"timing": AUTOPILOTS_TIMING})
+    exam = dataclasses.replace(exam, config=config, sections=sections)
     identity = identity_of(exam) | mixed(workers) | {"search": dataclasses.asdict(search) | {"failure": failure}}
     take_folder(folder, identity, IDENTITY)
     pool = _pool(exam, search.pool)
