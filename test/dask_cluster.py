@@ -5,13 +5,21 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from vpsci_ros.runs.processes import ChildProcess, stop
 
 WORKER = ("--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
 PATIENCE = 60.0  # [s]
+
+
+def until(condition: Callable[[], object], seconds: float = 120.0) -> None:
+    """Wait until a condition holds."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to pass"
+        time.sleep(0.05)
 
 
 class LocalCluster:

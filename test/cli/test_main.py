@@ -169,7 +169,7 @@ def test_pretraining_writes_weights_that_evaluation_reads(
 
     again = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"))
     assert again.returncode == 2
-    assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
+    assert "holds a run with learner.episodes = 2, and this one has 400" in again.stderr
 
 
 def test_held_out_rows_of_policies_that_may_have_learned_from_the_clips_are_named(

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dask_cluster import LocalCluster, local_cluster
+from dask_cluster import LocalCluster, local_cluster, until
 
 pytest.importorskip("distributed")
 import cloudpickle
@@ -72,13 +72,6 @@ def all_of(workers: "Workers[int, int]", units: int = UNITS) -> dict[int, int]:
 
 def written(signs: Path) -> dict[int, int]:
     return {int(path.stem): int(path.read_text()) for path in (signs.parent / "out" / "sub").iterdir()}
-
-
-def until(condition: Callable[[], object], seconds: float = 120.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass"
-        time.sleep(0.05)
 
 
 def stepped(workers: Any, size: int) -> None:
@@ -272,7 +265,7 @@ def test_each_graph_of_an_exam_runs_on_a_host_of_its_own(hosts: list[list[str]],
         command += ["--cluster", str(cluster.file), "--allow-standing"]
         found = subprocess.run([*hosts[0], *command], capture_output=True, text=True, timeout=900, check=False)
         assert found.returncode == 0, found.stdout + found.stderr
-        assert not cluster.children()
+        until(lambda: not cluster.children())
     runs = sorted(path.name for path in (tmp_path / "exam" / "runs").iterdir())
     assert runs == ["alone", "walker"]
     assert all((tmp_path / "exam" / "runs" / run / "1" / "frames.parquet").is_file() for run in runs)

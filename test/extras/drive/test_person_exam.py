@@ -88,9 +88,9 @@ def test_a_person_drives_in_real_time_and_leaves_what_an_exam_leaves(
     assert [(each["outcome"], each["yielded"]) for each in results] == rows.select("outcome", "yielded").rows()
     assert [each["more"] for each in results] == [True, False]
     assert [each["replay"] for each in results] == [
-        f"replays/{name}.html#b=autopilot" for name in ("learned", "learned-2")
+        f"replays/{name}.html#b=autopilot" for name in ("learned-1", "learned-2")
     ]
-    assert "Episode 1:0" in (folder / "replays" / "learned.html").read_text()
+    assert "Episode 1:0" in (folder / "replays" / "learned-1.html").read_text()
 
 
 def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_says(
