@@ -53,6 +53,11 @@ def test_nothing_is_reachable_without_the_secret_and_nothing_but_the_page_and_it
     assert {name: got(f"{server.address}{name}") for name in hidden} == dict.fromkeys(hidden, 404)
 
 
+def test_a_refused_request_is_not_logged_with_the_secret(server: Server, caplog: pytest.LogCaptureFixture) -> None:
+    assert got(f"{server.address}replays/../exam.json") == 404
+    assert caplog.text == ""
+
+
 def test_another_name_of_the_host_is_refused_so_that_no_page_of_the_web_gets_in(server: Server) -> None:
     port = server.address.split(":")[2].split("/")[0]
     assert got(server.address, Host=f"localhost:{port}") == "<p>page"

@@ -89,10 +89,11 @@ class Server:
                 (r"/[^/]+/socket", _Socket, {"server": self}),
                 (rf"/[^/]+/{FILES}", _File, {"path": str(self._folder)}),
             ],
+            log_function=_unsaid,
             websocket_max_message_size=LARGEST_MESSAGE,
             websocket_ping_interval=5.0,
         )
-        server = HTTPServer(Application([Rule(_Ours(self._secret, self._hosts), own)], log_function=lambda _: None))
+        server = HTTPServer(Application([Rule(_Ours(self._secret, self._hosts), own)], log_function=_unsaid))
         server.add_socket(self._listening)
         started.set()
         await self._stop.wait()
@@ -134,6 +135,10 @@ class Server:
         if self._socket is socket:
             self._socket = None
             self._received(None)
+
+
+def _unsaid(_: RequestHandler) -> None:
+    """Log nothing of a request: its path has the secret."""
 
 
 class _Ours(Matcher):
