@@ -169,7 +169,7 @@ def test_an_incomplete_run_has_no_points_anywhere(
     sections = load(params_dir() / "ads_test.yaml").changed("ads_test", {"baseline": False})
     with class_in_process():
         reasons = run_protocol(
-            prepare(sections, ads_class="half:Half"), tmp_path / "out", None, 1.0, workers=1, quiet=True
+            prepare(sections, ads_class="half:Half"), tmp_path / "out", None, 1.0, workers=ThisMachine(), quiet=True
         )
     none = "no points, since 1 cell was not driven: CPTAns-50_10kmh"
     assert reasons[1:] == [none]
