@@ -66,5 +66,6 @@ def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_pat
     console = Console(width=80, file=StringIO())
     print_table_5(table, console)
     printed = console.file.getvalue()
-    assert "60 2" in printed, "the final weights, near those chosen"
+    assert "60 20 20" in printed, "the final weights, which were chosen"
+    assert "…" not in printed, "no number is cut off"
     assert "33 33 33" in printed, "the adaptive ones, after four episodes"

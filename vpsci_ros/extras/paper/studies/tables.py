@@ -66,7 +66,8 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
             for protocol, digits in (("reconstruction", 4), ("closed_loop", 3))
         )
         published = [f"[{value:.3f}]" for value in (paper.ade, paper.fde)] if paper else ["", ""]
-        errors.append((row["weights"], *once, *published, *loop, *(_percents(row, agent) for agent in AGENTS)))
+        name = row["weights"].replace("_", "_\n", 1).replace("acceleration", "accel.")  # so that no number is cut off
+        errors.append((name, *once, *published, *loop, *(_percents(row, agent) for agent in AGENTS)))
     title = "fresh episodes, no exploration: share of the critical ones in % [paper's]"
     heads = ["weights", "collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"]
     console.print(text_table(title, heads, rates))
