@@ -139,11 +139,18 @@ def test_a_process_that_sends_what_is_no_answer_is_given_up_with_what_it_sent(dr
     assert [answer.error.startswith(UNREADABLE[sent]) for answer in answers] == [True] * 4
 
 
-def test_a_process_that_answers_more_often_than_it_is_asked_is_given_up(drive: Drive) -> None:
-    twice = "real = json.dumps\nhere = [o for o in gc.get_objects() if isinstance(o, Connection)]"
-    act = "here[0].send_bytes(real(['vehicle', [9.0, 0.0], '', '', False]).encode())"
-    answers = drive(mine(act, f"import gc, json\nfrom multiprocessing.connection import Connection\n{twice}"), ticks=2)
-    assert [answer.error for answer in answers[2:]] == ["its process answered before it was asked"] * 2
+@pytest.mark.parametrize(("number", "first"), [("", False), ("(2).to_bytes(8, 'big') + ", True)])
+def test_an_answer_that_was_not_asked_for_ends_the_process_also_with_a_forged_number(
+    drive: Drive, number: str, first: bool
+) -> None:
+    before = (
+        "import gc, json\nfrom multiprocessing.connection import Connection\nreal = json.dumps\n"
+        "here = [o for o in gc.get_objects() if isinstance(o, Connection)]"
+    )
+    act = f"here[0].send_bytes({number}real(['vehicle', [1.0, 0.0], '', '', False]).encode())"
+    answers = drive(mine(act, before), ticks=2)
+    assert [answer == ONE for answer in answers] == [first, False, False, False]
+    assert {answer.error for answer in answers[1:]} == {"its process sent an answer that it was not asked for"}
 
 
 @pytest.mark.parametrize("sent", ["5", '{"refused": 1}', '"x'])

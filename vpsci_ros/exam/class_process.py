@@ -6,6 +6,7 @@ its answers as JSON through a connection, one to each scene, and knows how the p
 
 import contextlib
 import inspect
+import itertools
 import json
 import multiprocessing
 import os
@@ -32,6 +33,7 @@ _MAIN = (
 )
 _LOOK = 0.2  # [s] between looks whether the process still runs
 _LONGEST = 2**20  # [bytes] of an answer
+_NUMBER = 8  # [bytes] before each message of the process: how many it has sent before
 _STARTS = 60.0  # [s] at least, that the process has to import the module, and to make its objects
 _LEAVES = 1.0  # [s] that the process has to end by itself
 
@@ -47,7 +49,7 @@ class ClassProcess:
 
     def __init__(self, process: ChildProcess, connection: Connection, patience: float) -> None:
         self._process, self._connection, self._patience = process, connection, patience
-        self._ended, self.imported = "", list[Path]()
+        self._ended, self.imported, self._heard = "", list[Path](), 0
         self.path: str = self._first("while its module was imported")
 
     def make_drivers(self, scenarios: Sequence[Scenario], cars: int, spawn: str) -> None:
@@ -61,19 +63,10 @@ class ClassProcess:
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
         """Yield the answer to each scene, in their order; after the process has ended, each answer is an error."""
-        self._require_nothing_ahead()
         with contextlib.suppress(OSError):
             self._connection.send(scenes)
         for _ in scenes:
             yield self._answer()
-
-    def _require_nothing_ahead(self) -> None:
-        """Give a process up that has sent more answers than it was asked for: the next one would be a wrong one."""
-        if self._ended or not self._connection.poll(0.0):
-            return
-        with contextlib.suppress(EOFError, OSError):  # it has ended, which reading its answer shows
-            self._connection.recv_bytes(_LONGEST)
-            self._give_up("its process answered before it was asked")
 
     def _answer(self) -> Answer:
         if not self._ended:
@@ -93,7 +86,8 @@ class ClassProcess:
     def _received(self, patience: float) -> Any:
         """Return what the process says next.
 
-        :raises ValueError: it has ended, is silent, or what it sends is not JSON; `_ended` says so, if it is known.
+        :raises ValueError: it has ended, is silent, or what it sends is not JSON, or is not the next message;
+            `_ended` says so, if it is known.
         """
         deadline = time.monotonic() + patience
         while not self._connection.poll(_LOOK):
@@ -104,11 +98,16 @@ class ClassProcess:
                 self._ended = f"no answer for {patience:g} s"
                 raise ValueError
         try:
-            return json.loads(self._connection.recv_bytes(_LONGEST))
+            said = self._connection.recv_bytes(_LONGEST)
         except (EOFError, OSError):
             self._process.wait(_LEAVES)
             self._ended = self._how() or "its process closed the connection"
             raise ValueError from None
+        if said[:_NUMBER] != _number(self._heard):
+            self._ended = "its process sent an answer that it was not asked for"
+            raise ValueError
+        self._heard += 1
+        return json.loads(said[_NUMBER:])
 
     def _how(self) -> str:
         """Return how the process ended; nothing while it runs."""
@@ -179,12 +178,12 @@ def code_of_class(text: str) -> list[Path]:
 
 def main(descriptor: int, text: str) -> None:
     """Run the main loop of the class's process: answer scenes until the connection ends."""
-    connection, own = Connection(descriptor), os.getpid()
+    connection, own, said = Connection(descriptor), os.getpid(), itertools.count()
 
     def say(what: Any) -> None:
         if os.getpid() != own:
             os._exit(0)  # a copy of this process, which the class has made and which came back here
-        connection.send_bytes(json.dumps(what).encode())
+        connection.send_bytes(_number(next(said)) + json.dumps(what).encode())
 
     try:
         driver = find_driver(text)
@@ -204,6 +203,10 @@ def main(descriptor: int, text: str) -> None:
                 stream.flush()
         if sys.exc_info()[0] is None:
             os._exit(0)  # without waiting for threads that the class has left
+
+
+def _number(messages: int) -> bytes:
+    return messages.to_bytes(_NUMBER, "big")
 
 
 def _of_working_directory() -> list[str]:
