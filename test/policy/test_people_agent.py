@@ -207,7 +207,8 @@ def test_a_bank_of_the_format_before_is_refused_in_words() -> None:
 
 
 def test_a_car_that_does_not_brake_as_chosen_is_assumed_to_keep_its_velocity() -> None:
-    # In all reactions the vehicle brakes; in one the pedestrian stops, too. The car that is met does not brake.
+    # In all reactions the vehicle brakes; in one the pedestrian stops, too. The car that is met does not brake, so at
+    # last the recorded stop is too late, and only twice as hard a one avoids contact.
     own = reactions(count=32)
     steps = np.zeros((32, 35, ACTIONS))
     steps[:, :, 0] = -4.0
@@ -225,7 +226,8 @@ def test_a_car_that_does_not_brake_as_chosen_is_assumed_to_keep_its_velocity() -
         )
         stops.append((done[:, 1] == -2.0).mean())
     assert stops[0] < 0.2
-    assert stops[-1] == 1.0
+    assert 1.0 in stops
+    assert (done[:, 1] == -4.0).all()
 
 
 def test_a_row_has_the_same_bits_in_any_batch() -> None:

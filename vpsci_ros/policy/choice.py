@@ -2,8 +2,8 @@
 
 A reaction is drawn among those of the `NEAREST` most similar situations, evenly among the ones by which the two do not
 touch within 3 s. If all these lead to contact, the nearest situation of the whole bank without contact is taken; if
-there is none, the one of the `NEAREST` with the latest contact. A reaction is chosen again when it ends, and as soon as
-its rest leads to contact.
+there is none, the nearest by which the two do not touch if both react harder than recorded (`HARDER`); else the one of
+the `NEAREST` with the latest contact. A reaction is chosen again when it ends, and as soon as its rest leads to contact.
 
 A reaction is what was done beyond the acceleration at the situation: to each recorded step is added by how much the
 agent's own acceleration differs from the recorded one, fading by `FADES` a step. Where the own one is not known, the
@@ -37,7 +37,8 @@ FADES = 0.95, 0.95, 0.7, 0.7  # by which a step multiplies what is added to the 
 FADED = np.array(FADES) ** np.arange(100)[:, None]  # float64[100, 4], after so many steps; then hardly anything is left
 AHEAD = 30  # steps that a roll-out looks ahead
 BEYOND = 20  # steps for which both keep their velocities after a reaction
-MARGIN = 0.15  # [m] between the footprints: a roll-out looks each 0.1 s, and contacts happen in between
+MARGIN = 0.1  # [m] between the footprints: a roll-out looks each 0.1 s, and contacts happen in between
+HARDER = 1.0, 2.0, 3.0  # by which recorded actions are multiplied, in turn, until one of the whole bank avoids contact
 LEFT = 0.05  # [m] by which the other agent may deviate from the chosen reaction
 CLOSE = (
     math.hypot(0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH) + PEDESTRIAN_RADIUS + MARGIN + 0.01
@@ -49,7 +50,8 @@ CHOSEN = np.dtype(  # a chosen reaction
     [
         ("begin", "i8"), ("at", "i8"), ("end", "i8"),  # steps of the bank: first, next, one past the last
         ("mirror", "f8"),  # 1; -1: left and right are exchanged
-        ("bend", "f8"),  # by which curvatures are multiplied
+        ("hard", "f8"),  # by which recorded actions are multiplied
+        ("bend", "f8"),  # by which curvatures are multiplied besides
         ("more", "f8", ACTIONS),  # own acceleration less the recorded one, which fades
         ("expected", "f8", 2),  # [m/s] velocity of the other one at the next step: forward and left; a vehicle's speed
         ("apart", "f8"),  # [m] by which the other agent has deviated since the hand-over
@@ -73,7 +75,7 @@ def _done(chosen, steps, at, out):  # type: ignore[no-untyped-def]
     """Write the actions of both agents at step `at` of the bank to float64[4], see `ACTIONS`."""
     age = min(at - chosen.begin, len(FADED) - 1)
     for k in range(ACTIONS):
-        recorded = steps[at, k] * (chosen.mirror if k % 2 else 1.0)  # the odd ones point left
+        recorded = steps[at, k] * chosen.hard * (chosen.mirror if k % 2 else 1.0)  # the odd ones point left
         if k == 1:
             recorded *= chosen.bend
         out[k] = recorded + chosen.more[k] * FADED[age, k]
@@ -108,11 +110,11 @@ def _free_steps(situation, who, steps, done):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take(situation, side, reactions, picked, chosen):  # type: ignore[no-untyped-def]
-    """Make `chosen` the reaction of situation `picked` for an own situation with the pedestrian on `side`."""
+def _take(situation, side, reactions, picked, hard, chosen):  # type: ignore[no-untyped-def]
+    """Make `chosen` the reaction of situation `picked`, `hard` times, with the pedestrian on `side`."""
     chosen.begin = chosen.at = reactions.begin[picked]
     chosen.end, chosen.mirror = reactions.end[picked], side * reactions.side[picked]
-    chosen.situation = picked + 1
+    chosen.situation, chosen.hard = picked + 1, hard
     speed = max(situation[0], SLOWEST)
     wide = min(max(speed / max(reactions.features[0, picked] * reactions.scale[0], SLOWEST), 1.0 / WIDEST), WIDEST)
     chosen.bend = 1.0 / (wide * wide)  # the recorded sideways acceleration, not the recorded bend
@@ -167,25 +169,26 @@ def _choose(situation, key, reactions, who, free, room):  # type: ignore[no-unty
     count = room.near.size
     # an odd stride meets each of a power of two once
     first, stride = int(unit(drawn[0]) * count), 2 * int(unit(drawn[1]) * (count // 2)) + 1
-    picked = -1
+    trial, steps, picked, hard = room.trial[0], reactions.steps, -1, 1.0
     for c in range(count):
-        trial = room.near[(first + c * stride) % count]
-        _take(situation, side, reactions, trial, room.trial[0])
-        steps = _free_steps(situation, (room.trial[0], keeps_lane, unpredicted), reactions.steps, room.done)
-        if steps > free:
-            free, picked = steps, trial
+        m = room.near[(first + c * stride) % count]
+        _take(situation, side, reactions, m, 1.0, trial)
+        without = _free_steps(situation, (trial, keeps_lane, unpredicted), steps, room.done)
+        if without > free:
+            free, picked = without, m
             if free == AHEAD:
                 break
-    if free < AHEAD:  # none of the nearest: the nearest of all that does not touch, if there is one
+    for harder in HARDER:
+        if free == AHEAD:
+            break
         least = math.inf
         for m in range(room.gaps.size):
             if room.gaps[m] < least:
-                _take(situation, side, reactions, m, room.trial[0])
-                trial_of = room.trial[0], keeps_lane, unpredicted
-                if _free_steps(situation, trial_of, reactions.steps, room.done) == AHEAD:
-                    least, picked = room.gaps[m], m
+                _take(situation, side, reactions, m, harder, trial)
+                if _free_steps(situation, (trial, keeps_lane, unpredicted), steps, room.done) == AHEAD:
+                    free, least, picked, hard = AHEAD, room.gaps[m], m, harder
     if picked >= 0:
-        _take(situation, side, reactions, picked, chosen)
+        _take(situation, side, reactions, picked, hard, chosen)
 
 
 @kernel
