@@ -55,7 +55,7 @@ def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(install
         assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []
     report = json.loads((tmp_path / "exam" / "report.json").read_text(encoding="utf-8"))
     assert set(report["drivers"]["ads"]) == {"freezing"}
-    assert report["exam"]["agents"] == {"freezing": "freezing-pedestrian 1.0"}
+    assert report["exam"]["agents"] == {"freezing": "freezing 1.0"}
     assert "freezing" in (tmp_path / "exam" / "report.html").read_text(encoding="utf-8")
     sources = read_exam(tmp_path / "exam", 10)
     assert [(source.key, source.episodes[0].episode.group) for source in sources] == [
