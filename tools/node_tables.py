@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
-from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, INDEX_COLUMNS, TABLE_7
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.exam_config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
@@ -170,13 +170,16 @@ def _text(parts: list[str]) -> str:
 
 def column_tables() -> str:
     """Return the columns of a scenario's file and of the index of episodes."""
-    parts = ["", "Columns of a scenario's file, those of Table 7 first:\n", _columns(EPISODE_COLUMNS)]
-    return "\n".join([*parts, "\nColumns of `episodes.parquet`:\n", _columns(INDEX_COLUMNS), "", ""])
+    further = {name: column for name, column in EPISODE_COLUMNS.items() if name not in TABLE_7}
+    parts = ["", f"A scenario's file has the columns of Table 7: {', '.join(f'`{name}`' for name in TABLE_7)}; and:\n"]
+    parts += [_columns(further), "\n`episodes.parquet` has a row for each simulated episode, kept or not:\n"]
+    return "\n".join([*parts, _columns(INDEX_COLUMNS), "", ""])
 
 
 def _columns(columns: Mapping[str, Column]) -> str:
-    lines = ["| column | unit | meaning |", "|---|---|---|"]
-    return "\n".join([*lines, *(f"| `{name}` | {each.unit} | {each.description} |" for name, each in columns.items())])
+    units = {name: f" [{each.unit}]" if each.unit else "" for name, each in columns.items()}
+    rows = (f"| `{name}` | {each.description}{units[name]} |" for name, each in columns.items())
+    return "\n".join(["| column | meaning |", "|---|---|", *rows])
 
 
 def dataset_page(before: str) -> str:

@@ -244,22 +244,19 @@ def test_a_misspelt_class_is_refused_though_another_one_occurs(
         imported(tmp_path, rows(), **layout)
 
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/formats.md"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize(
     ("source", "folder", "vehicles", "least"), [("hc", "hc", 40, 150), ("taf-bw", "taf_bw/recorded_trackfiles", 130, 5)]
 )
-def test_the_layouts_of_the_page_read_the_published_recordings(
+def test_the_example_layouts_read_the_published_recordings(
     source: str, folder: str, vehicles: int, least: int, real_data: Path, tmp_path: Path
 ) -> None:
     if not (real_data / folder).is_dir():
         pytest.skip(f"no {folder} in {real_data}")
-    (layout,) = (
-        text for text in re.findall(r"```yaml\n(.*?)```", PAGE.read_text(), re.DOTALL) if f"source: {source}\n" in text
-    )
     shutil.copytree(real_data / folder, tmp_path / "r")
-    (tmp_path / "r/layout.yaml").write_text(layout)
+    shutil.copy(ROOT / "examples/layouts" / f"{source}.yaml", tmp_path / "r/layout.yaml")
     ((clips, result),) = imported_clips([tmp_path / "r"], ["described"])
     check_near_misses(result.table, source)
     summary = result.summaries[0]
@@ -272,6 +269,7 @@ def test_the_layouts_of_the_page_read_the_published_recordings(
 
 
 def test_the_page_shows_every_key_of_a_layout() -> None:
-    keys = re.search(r"### `layout.yaml`\n.*?```yaml\n(.*?)```.*?```yaml\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    page = (ROOT / "docs/formats.md").read_text()
+    keys = re.search(r"### `layout.yaml`\n.*?```yaml\n(.*?)```.*?```yaml\n(.*?)```", page, re.DOTALL)
     shown = set(re.findall(r"^(\w+):", keys[1] + keys[2], re.MULTILINE)) | {"time_unit", "width"}
     assert shown == set(KEYS)

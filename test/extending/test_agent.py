@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from class_in_process import class_in_process
 from composed import composed
-from extending.page import Install, files_of
+from extending.page import Install, example, midblock
 
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
@@ -26,10 +26,10 @@ from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
 pytestmark = pytest.mark.usefixtures("forked_nodes")
-FREEZING = files_of("Add a pedestrian or a driver")
+FREEZING = example("freezing")
 
 
-def test_the_pedestrian_of_the_page_stands_within_two_seconds_of_the_hand_over(install: Install) -> None:
+def test_the_pedestrian_of_the_example_stands_within_two_seconds_of_the_hand_over(install: Install) -> None:
     install(FREEZING)
     config = WorldConfig(vehicle_driver="autopilot")
     world = World(config, load_scenarios([1]), [(1, episode) for episode in range(40)], 40, 1)
@@ -46,7 +46,7 @@ def test_the_pedestrian_of_the_page_stands_within_two_seconds_of_the_hand_over(i
 
 def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(install: Install, tmp_path: Path) -> None:
     install(FREEZING)
-    (tmp_path / "midblock.yaml").write_text(files_of("Add a scenario")["midblock.yaml"], encoding="utf-8")
+    (tmp_path / "midblock.yaml").write_text(midblock(), encoding="utf-8")
     settings = ["world_simulator.scenarios=[41]", f"world_simulator.scenario_files=[{tmp_path / 'midblock.yaml'}]",
                 "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "ads_test.allow_standing=true",
                 "ads_test.pedestrians=[freezing]",

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import polars as pl
-from extending.page import Install, files_of
+from extending.page import Install, example
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
@@ -11,8 +11,8 @@ from vpsci_ros.extras.formats.exporters import EXPORTERS
 from vpsci_ros.view.episode_sources import read_episodes
 
 
-def test_the_format_of_the_page_is_written_by_the_command(install: Install, own_bag: Path, tmp_path: Path) -> None:
-    install(files_of("Add a format to export to"))
+def test_the_format_of_the_example_is_written_by_the_command(install: Install, own_bag: Path, tmp_path: Path) -> None:
+    install(example("car_tracks"))
     assert EXPORTERS.names()[-1] == "car-tracks"
     done = CliRunner().invoke(app, ["export", str(own_bag), "--to", "car-tracks", "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from extending.page import Install, files_of
+from extending.page import Install, example
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
@@ -13,7 +13,7 @@ from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
 
-CAMERA = files_of("Add an importer")
+CAMERA = example("camera_tracks")
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def recordings(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_importer_of_the_page_finds_a_near_miss_by_the_command(install: Install, recordings: Path) -> None:
+def test_the_importer_of_the_example_finds_a_near_miss_by_the_command(install: Install, recordings: Path) -> None:
     install(CAMERA)
     table = recordings.parent / "near_misses.parquet"
     done = CliRunner().invoke(app, ["import", str(recordings), "--format", "camera", "-o", str(table)])
@@ -44,7 +44,7 @@ def test_the_importer_of_the_page_finds_a_near_miss_by_the_command(install: Inst
 
 
 def renamed(distribution: str, points: str) -> dict[str, str]:
-    """The page's files under another distribution's name and with these lines as entry points."""
+    """The example under another distribution's name and with these lines as entry points."""
     text = CAMERA["pyproject.toml"].replace("camera-tracks", distribution)
     return CAMERA | {"pyproject.toml": text.replace('camera = "camera_tracks:CAMERA"', points)}
 

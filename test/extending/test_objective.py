@@ -3,17 +3,17 @@
 from pathlib import Path
 
 import polars as pl
-from extending.page import Install, files_of
+from extending.page import Install, example
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.policy.weights import load_weights
 
-CLONING = files_of("Add an objective of learning")
+CLONING = example("cloning")
 SMALL = ("episodes=20", "replay.batch_size=64", "hidden=16")
 
 
-def test_the_objective_of_the_page_learns_what_it_is_for(
+def test_the_objective_of_the_example_learns_what_it_is_for(
     install: Install, tmp_path: Path, near_misses_file: Path
 ) -> None:
     install(CLONING)

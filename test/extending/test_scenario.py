@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 import yaml
 from composed import composed
-from extending.page import files_of
+from extending.page import midblock
 from typer.testing import CliRunner
 
 from vpsci_ros.bags.verify import verify_bag
@@ -33,7 +33,7 @@ STRAIGHT = """<OpenDRIVE><road id="1" length="80" junction="-1">
 <cornerLocal u="-1.5" v="-5"/><cornerLocal u="1.5" v="-5"/><cornerLocal u="1.5" v="5"/><cornerLocal u="-1.5" v="5"/>
 </outline></object></objects>
 </road></OpenDRIVE>"""
-MIDBLOCK = files_of("Add a scenario")["midblock.yaml"]
+MIDBLOCK = midblock()
 
 
 PICKED = {
@@ -96,7 +96,7 @@ def test_what_they_leave_is_verified_recorded_and_drawn_without_the_files(tmp_pa
 def test_a_file_that_cannot_be_chosen_is_refused_with_what_to_do(
     tmp_path: Path, old: str, new: str, scenarios: list[int], message: str
 ) -> None:
-    midblock = tmp_path / "midblock.yaml"
-    midblock.write_text(MIDBLOCK.replace(old, new) if old else MIDBLOCK, encoding="utf-8")
+    written = tmp_path / "midblock.yaml"
+    written.write_text(MIDBLOCK.replace(old, new) if old else MIDBLOCK, encoding="utf-8")
     with pytest.raises(InvalidInput, match=message):
-        load_scenarios(scenarios, [midblock])
+        load_scenarios(scenarios, [written])
