@@ -12,7 +12,7 @@ GATED = example("gated")
 SMALL = ("episodes=2", "replay.batch_size=16", "hidden=16")
 
 
-def test_the_network_of_the_example_is_a_row_of_table_9(install: Install, tmp_path: Path, near_misses_file: Path) -> None:
+def test_the_example_network_is_a_row_of_table_9(install: Install, tmp_path: Path, near_misses_file: Path) -> None:
     install(GATED)
     params = Path(__file__).parents[2] / "params" / "stage1_pretrain.yaml"
     words = ["study", "models", "--params", str(params), "--models", "sst,ma_gru", "--folds", "2", "--quiet"]
