@@ -13,7 +13,7 @@ from polars.testing import assert_frame_equal
 
 from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, imported_clips, named
 from vpsci_ros.data.importers.described import LOST, described
-from vpsci_ros.data.importers.layout_file import KEYS
+from vpsci_ros.data.importers.layout_file import KEYS, read_layout_file
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.near_misses import check_near_misses, read_near_misses, write_near_misses
 from vpsci_ros.data.parquet import read_metadata
@@ -268,8 +268,10 @@ def test_the_example_layouts_read_the_published_recordings(
     assert 1.0 < np.median(speed[speed > 0.5]) < 1.8  # people walk: the units of time and place are right
 
 
-def test_the_page_shows_every_key_of_a_layout() -> None:
-    page = (ROOT / "docs/formats.md").read_text()
-    keys = re.search(r"### `layout.yaml`\n.*?```yaml\n(.*?)```.*?```yaml\n(.*?)```", page, re.DOTALL)
-    shown = set(re.findall(r"^(\w+):", keys[1] + keys[2], re.MULTILINE)) | {"time_unit", "width"}
-    assert shown == set(KEYS)
+def test_the_commented_example_is_a_layout_and_shows_every_key(tmp_path: Path) -> None:
+    text = (ROOT / "examples/layouts/layout.yaml").read_text()
+    assert set(re.findall(r"^(?:# )?(\w+): ", text, re.MULTILINE)) | {"time_unit", "width"} == set(KEYS)
+    assert read_layout_file(ROOT / "examples/layouts/layout.yaml").source == "my_corner"
+    pairs = tmp_path / "pairs.yaml"
+    pairs.write_text("\n".join(re.findall(r"^# ((?:columns|vehicle|pedestrian): .*)$", text, re.MULTILINE)))
+    assert len(read_layout_file(pairs).layouts) == 2

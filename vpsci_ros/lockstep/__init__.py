@@ -1,4 +1,4 @@
-"""The world beside other processes: whoever answers a tick, who drives from outside, and what is counted meanwhile.
+"""Lock-step of the world with other processes: answers to ticks, drivers from outside, and counters.
 
 `lock_step` collects the answers to a tick, and says when the world may go on. `external_driver` takes the commands of a
 driver from outside, in lock-step or in real time with a safe stop. `intervention` changes these commands in chosen
