@@ -2,8 +2,9 @@
 
 A reaction is drawn among those of the `NEAREST` most similar situations, evenly among the ones by which the two do not
 touch within 3 s. If all these lead to contact, the nearest situation of the whole bank without contact is taken; if
-there is none, the nearest by which the two do not touch if both react harder than recorded (`HARDER`); else the one of
-the `NEAREST` with the latest contact. A reaction is chosen again when it ends, and when its rest leads to contact.
+there is none, the nearest by which the two do not touch where both react harder than recorded (`HARDER`); else the one
+of the `NEAREST` with the latest contact. A reaction is chosen again when it ends, and as soon as its rest leads to
+contact.
 
 A reaction is what was done beyond the acceleration at the situation: to each recorded step is added by how much the
 agent's own acceleration differs from the recorded one, fading by `FADES` a step. Where the own one is not known, the
