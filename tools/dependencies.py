@@ -24,16 +24,17 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parent.parent
 HEAD = """# Dependencies
 
-`tools/dependencies.py` writes this page: the packages that this package itself requires, with the licence in their
-metadata. [dependencies.csv](dependencies.csv) has all {count} packages of `make setup` on {platform}.
-ROS 2's wheels state no licence; their package.xml does (Apache-2.0, a few BSD-3-Clause or MIT).
+For those who check licences or pin versions. `tools/dependencies.py` writes this page: the packages that this package
+itself requires, by the licence in their metadata. [dependencies.csv](dependencies.csv) has version, licence and purpose
+of all {count} packages of `make setup` on {platform}. The package.xml of ROS 2's wheels states
+Apache-2.0, BSD-3-Clause or MIT.
 
 `constraints.txt` has the tested versions, `constraints-hashes.txt` the SHA-256 of their files on that platform:
 
     pip install --require-hashes --no-deps -r constraints-hashes.txt
 
-| package | version | licence | for |
-|---|---|---|---|
+| licence | packages |
+|---|---|
 """
 
 
@@ -80,7 +81,10 @@ def write_pages(rows: list[tuple[str, str, str, str]], system: str) -> None:
         csv.writer(file, lineterminator="\n").writerows([("package", "version", "licence", "for"), *rows])
     own = [row for row in rows if row[3].startswith(("extra ", "the package")) and not row[0].startswith("ros-")]
     head = HEAD.format(count=len(rows), platform=system)
-    lines = [f"| {' | '.join(row)} |\n" for row in own]
+    named: dict[str, list[str]] = {}
+    for package, _, terms, _ in own:
+        named.setdefault("not stated" if terms.startswith("%") else terms, []).append(package)  # a field not filled in
+    lines = [f"| {terms} | {', '.join(packages)} |\n" for terms, packages in sorted(named.items())]
     (ROOT / "docs" / "dependencies.md").write_text(head + "".join(lines), encoding="utf-8")
 
 

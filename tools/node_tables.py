@@ -10,6 +10,8 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from rclpy.qos import DurabilityPolicy
+
 from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, INDEX_COLUMNS, TABLE_7
 from vpsci_ros.data.parquet import Column
@@ -29,139 +31,110 @@ DOCS = Path(__file__).parent.parent / "docs"
 BEGIN, END = "<!-- written by tools/node_tables.py -->\n", "<!-- until here -->\n"
 INTRODUCTION = """# Nodes: topics and services
 
-`tools/node_tables.py` writes this page from the code. [Parameters](parameters.md) lists all parameters.
+For those who connect nodes of their own: find the topic in the table. `tools/node_tables.py` writes this page from the
+code. The columns *from* and *to* have the nodes of a graph; [ads.md](ads.md) has the topics of a driving system.
 
-The columns *from* and *to* have the nodes of a graph. They leave out driving systems (also `example_ads`), the
-`replayer` and your own nodes; [ads.md](ads.md) lists what a driving system reads and publishes. The column *QoS* is
-that of the publishers.
+## Topics
+
+Publishers are reliable and volatile with depth 1000. The topics marked * are transient local with depth 1.
 """
 
 PARAMETERS = """# Parameters
 
-`tools/node_tables.py` writes this page from the code: each parameter once, by purpose. Equations, tables and
-sections are those of the paper. `params/*.yaml` set parameters; `--set NODE.NAME=VALUE`, `vpsci node NODE
---ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown name, a wrong type, a value out of range, or a name
-that the stage does not read ends the command with a message. A dot marks a group, which a file may write as a mapping
-(`noise: {start: 0.1}`). The section `/**` of a file sets parameters of several nodes at once. "(running)" marks a
-parameter that may be set while the node runs. All other values are constants in the code
-(`constant(...)` in a configuration class, or a name in capitals in a module); only Python code can change them.
+For those who change a setting: `--set NODE.NAME=VALUE` on the command line, `-p NAME:=VALUE` of a node, or a file like
+those in `params/`. `tools/node_tables.py` writes this page from the code.
+
+A wrong name, type or range ends the command with a message. A dot marks a group (`noise: {start: 0.1}` in a file). The
+section `/**` of a file sets parameters of several nodes. "(running)": may be set while the node runs. All other values
+are constants in the code.
 """
 
 NOTES = """
-## Names, time and diagnostics
+## Rules
 
-- **Namespaces.** With `-r __ns:=/left` topics and services get the prefix `/left`, as in `/left/world/state`; the
-  world's time is on `/left/clock`. A node with `use_sim_time` reads the global `/clock` in any namespace: give this
-  node `-r /clock:=clock`, too. `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and node names have the
-  namespace as prefix (`left/vehicle/base_link`). Graphs in two namespaces, or with two values of `ROS_DOMAIN_ID`, do
-  not disturb each other.
-- **Quality of service.** The ROS parameter `qos_overrides./TOPIC.publisher.depth` changes the depth of a publisher.
-  Write `subscription` for `publisher`, and `history` or `reliability` for `depth`, to change these. Viewers may
-  subscribe with any depth. The recorder and the learner keep all messages until they read them (history KEEP_ALL); the
-  world subscribes to `/vehicle/cmd_accel` and `/vehicle/cmd_control` with depth 32.
-- **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
-- **Diagnostics.** Every node of a graph publishes a report on `/diagnostics` each second of wall time, with its
-  parameters and figures (of the world: `vpsci_ros/lockstep/counts.py`). Like all messages of a bag, reports are stamped
-  with simulated time. The level WARN of a report means that the node waits; ERROR means that the node rejected
-  messages, or that an unexpected node publishes on one of its topics. The content of reports depends on the machine. On
-  one CPU model and with one version of the package, all other messages of a bag depend on parameters, scenario files
-  and weights alone, as long as no answer is missing and no learner, CARLA server or external driving system takes part.
-- **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
-  processes, the default, use several cores, and each writes a log.
-- **Frames.** The world publishes odometry, transforms, `/markers` and robot descriptions only with `batch=1`,
-  `/pedestrians/odometry` only with several pedestrians, and no odometry of pedestrians in a graph with `perception`.
-  Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
-  `pedestrian/base_link` (x in its walking direction). `rviz2 -d rviz/vpsci.rviz` and Foxglove
-  (`docs/foxglove_layout.json`) show these frames.
-- **End.** `world_simulator` ends after its last episode, the `replayer` at the end of its bag, and a `learner` of stage
-  1 after its training. All other nodes then wait for the next `world_simulator` until Ctrl-C.
-- **Network.** Discovery is limited to this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
-  `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
+- **Namespace.** `-r __ns:=/left` gives `/left/world/state` and `/left/clock`. `/tf`, `/tf_static` and `/diagnostics`
+  stay global, with frames such as `left/vehicle/base_link`. A node of yours with `use_sim_time` needs
+  `-r /clock:=clock`.
+- **Quality of service.** `qos_overrides./TOPIC.publisher.depth` changes a depth (also `subscription`, `history`,
+  `reliability`). Recorder and learner keep all messages until they read them.
+- **Time.** No node of this package needs `use_sim_time`.
+- **Diagnostics.** Each node publishes a report every second, stamped with simulated time. WARN: the node waits. ERROR:
+  it rejected messages, or an unexpected node publishes on its topics.
+- **Repeatability.** On one CPU model all messages but `/diagnostics` depend on parameters, scenario files and weights
+  alone. The exceptions are missing answers, a learner, a CARLA server and an external driving system.
+- **One process.** `vpsci graph --composed` runs all nodes in one process, with an equal bag. Separate processes use
+  several cores.
+- **Odometry.** The world publishes odometry, `/tf` and `/markers` only with `batch=1`, `/pedestrians/odometry` only
+  with several pedestrians, and no odometry of pedestrians in a graph with `perception`.
+- **Frames.** `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
+  `pedestrian/base_link` (x in its walking direction).
+- **End.** `world_simulator` ends after its episodes, the `replayer` after its bag, and a `learner` of stage 1 after its
+  training. The other nodes wait for the next `world_simulator` until Ctrl-C.
+- **Network.** Discovery stays on this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
+  `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` is set.
 """
 
 
 def page() -> str:
     """Return the whole page."""
-    parts = [INTRODUCTION, "## Topics\n", "| topic | type | from | to | QoS |", "|---|---|---|---|---|"]
+    parts = [INTRODUCTION, "| topic | type | from | to |", "|---|---|---|---|"]
     for row in TOPICS.values():
         package = row.type.__module__.split(".")[0]
-        qos = f"{row.qos.reliability.name.lower()}, {row.qos.durability.name.lower()}"
-        qos += f", depth {row.qos.depth}" if row.publishers else ""  # a driving system sets the depth of its commands
+        latched = " *" if row.qos.durability is DurabilityPolicy.TRANSIENT_LOCAL else ""
         ends = " | ".join(", ".join(f"`{n}`" for n in names) for names in (row.publishers, row.subscribers))
-        parts.append(f"| `{row.name}` | {package}/{row.type.__name__} | {ends} | {qos} |")
-    parts += ["\n## Services\n", "| service | type | offered by | what it does |", "|---|---|---|---|"]
+        parts.append(f"| `{row.name}`{latched} | {package}/{row.type.__name__} | {ends} |")
+    parts += ["\n## Services\n", "| service | type | what it does |", "|---|---|---|"]
     for service in SERVICES.values():
         package = service.type.__module__.split(".")[0]
-        kind = f"{package}/{service.type.__name__}"
-        parts.append(f"| `{service.name}` | {kind} | `{service.server}` | {service.description} |")
+        parts.append(f"| `{service.name}` | {package}/{service.type.__name__} | {service.description} |")
     parts.append(NOTES)
     return _text(parts)
 
 
-GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
-    "Simulated episodes and datasets": (
-        "The content of a simulated episode, and the episodes that a dataset keeps.",
-        (RunConfig, WorldConfig, PolicyConfig, DatasetConfig),
-    ),
-    "Exams of a driving system": (
-        "The pedestrians of the exam, the perception of the driving system, and the criteria.",
-        (ExamConfig, PerceptionConfig),
-    ),
-    "Graphs and bags": (
-        "The nodes of a run, and how their messages are recorded and replayed.",
-        (GraphConfig, PeerConfig, SimulatorConfig, RecorderConfig, ReplayerConfig),
-    ),
-    "Learning from your own recordings": (
-        "The training data and the output folder; the last section of this page has the parameters of training.",
-        (LearnerConfig,),
-    ),
-    "Research: how the policies learn": (
-        "The networks and the parameters of their training.",
-        (NetworkConfig, PretrainConfig, RefineConfig),
-    ),
+GROUPS: dict[str, tuple[type, ...]] = {
+    "Simulated episodes and datasets": (RunConfig, WorldConfig, PolicyConfig, DatasetConfig),
+    "Exams of a driving system": (ExamConfig, PerceptionConfig),
+    "Graphs and bags": (GraphConfig, PeerConfig, SimulatorConfig, RecorderConfig, ReplayerConfig),
+    "Learning from your own recordings": (LearnerConfig,),
+    "Research: how the policies learn": (NetworkConfig, PretrainConfig, RefineConfig),
 }
-"""Section title -> sentence and configuration classes."""
+"""Section title -> configuration classes."""
 
 
 def parameter_page() -> str:
     """Return the page of all parameters, each described once."""
     parts, described = [PARAMETERS], dict[str, Parameter]()
-    for title, (sentence, classes) in GROUPS.items():
-        parts += [f"\n## {title}\n", sentence + "\n"]
+    for title, classes in GROUPS.items():
+        parts += [f"\n## {title}\n"]
         for config in classes:
-            sections = ", ".join(f"`{name}`" for name in _sections_of(config))
+            sections = [f"`{name}`" for name in _sections_of(config)]
+            where = ", ".join(sections) if len(sections) < 3 else "every node"
             rows = [row for row in table(config) if described.get(row.name) != row]
             same = len(table(config)) - len(rows)
             described |= {row.name: row for row in rows}
-            parts += [f"### {config.__name__.removesuffix('Config')}\n", f"In {sections}. {_first(config)}\n"]
-            parts += [f"{same} more parameters of this section are described above.\n"] if same else []
+            parts += [
+                f"### {config.__name__.removesuffix('Config')}\n",
+                f"In {where}{f', besides {same} parameters that are described above' * bool(same)}:\n",
+            ]
             parts += [markdown_table(rows), ""]
     return _text(parts)
 
 
 def markdown_table(rows: Iterable[Parameter]) -> str:
     """Return rows of parameter tables as GitHub Markdown, for the documentation."""
-    lines = ["| parameter | default | unit | range | what it sets |", "|---|---|---|---|---|"]
+    lines = ["| parameter | default | what it sets |", "|---|---|---|"]
     for row in rows:
-        bounds = "" if row.low is None and row.high is None else f"{_bound(row.low)} to {_bound(row.high)}"
-        bounds = " \\| ".join(row.choices) if row.choices else bounds
-        default = f"`{row.default}`" if row.default != "" else ""
+        default = f"`{row.default}` {row.unit}".rstrip() if row.default != "" else ""
+        new = [each for each in row.choices or () if each not in row.description]
+        choices = f"; one of {', '.join(row.choices or ())}" if new else ""
         running = "" if row.read_only else " (running)"
-        lines.append(f"| `{row.name}` | {default} | {row.unit} | {bounds} | {row.description}{running} |")
+        lines.append(f"| `{row.name}` | {default} | {row.description}{choices}{running} |")
     return "\n".join(lines)
-
-
-def _bound(value: float | None) -> str:
-    return "..." if value is None else f"{value:g}"
 
 
 def _sections_of(config: type) -> list[str]:
     found = (section for stage in ELSEWHERE for section, classes in stage.sections.items() if config in classes)
     return list(dict.fromkeys(found))
-
-
-def _first(config: type) -> str:
-    return " ".join((config.__doc__ or "").split("\n\n")[0].split())
 
 
 def _text(parts: list[str]) -> str:

@@ -56,42 +56,26 @@ FAILURES = ("moving_collision", "collision", "conflict", "severe_conflict")
 class ExamConfig:
     """The exam of a driving system: the system, the pedestrians and the criteria."""
 
-    ads: str = parameter(
-        "example_ads",
-        "command that starts the driving system; example_ads: this package's example; external: you start it yourself",
-    )
-    ads_class: str = parameter(
-        "",
-        "MODULE:CLASS: the driving system is this Python class, in its own process without ROS; `ads` is not used",
-    )
+    ads: str = parameter("example_ads", "command that starts the driving system; external: you start it yourself")
+    ads_class: str = parameter("", "MODULE:CLASS of a driving system in Python; replaces `ads`")
     pedestrians: list[str] = parameter(
         [name for name in DRIVERS if name != "recorded"],
-        f"pedestrians of the exam: {', '.join(DRIVERS)}, and agents that other installed Python packages add "
-        "(docs/extending.md)",
+        "pedestrians of the exam (docs/ads.md); also added agents (docs/extending.md)",
     )
     recorded: str = parameter(
-        "",
-        "near misses whose pedestrians are replayed as one more pedestrian of the exam: right_turns, a Parquet file, "
-        "or a part (right_turns/dev); empty: none",
+        "", "near misses to replay as one more pedestrian: right_turns, right_turns/dev, or a Parquet file"
     )
     perception: bool = parameter(
-        False,
-        "true: the driving system gets pedestrians on /perception/objects, with the errors that the section perception "
-        "sets, and no odometry of pedestrians",
+        False, "true: pedestrians come on /perception/objects, with errors of perception, and not as odometry"
     )
     baseline: bool = parameter(True, "also drive the episodes with the rule-based autopilot, for comparison")
-    fail_if: list[str] = parameter(
-        [], "criteria that fail the exam, written as for --fail-if; --fail-if adds criteria to these"
-    )
+    fail_if: list[str] = parameter([], "criteria that fail the exam; --fail-if adds criteria to these")
     timing: str = parameter(
         OWN_TIMING,
-        "whose approach the pedestrians are timed to; own: the driving system's, by its drive on the empty road; "
-        "autopilot: that of the autopilot, for which episodes are drawn",
+        "own: pedestrians are timed to the system's drive on the empty road; autopilot: as drawn",
         choices=TIMINGS,
     )
-    allow_standing: bool = parameter(
-        False, "true: a system that does not arrive on the empty road may pass the exam, as with --allow-standing"
-    )
+    allow_standing: bool = parameter(False, "true: as --allow-standing")
     failure: str = parameter("moving_collision", "event that makes an episode a failure", choices=FAILURES)
     bags: bool = parameter(
         False, "also write bags of a system without ROS; the system then drives one episode at a time"

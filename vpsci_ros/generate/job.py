@@ -27,7 +27,7 @@ class DatasetConfig:
 
     kept: int = parameter(
         0,
-        "kept episodes to generate in each scenario; 0: the paper's counts (Table 10), for scenarios 1 to 8 only",
+        "kept episodes of each scenario; 0: the paper's counts (Table 10)",
         low=0,
         high=1_000_000_000,
     )

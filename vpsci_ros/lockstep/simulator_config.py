@@ -10,11 +10,11 @@ class SimulatorConfig:
     """The node `world_simulator`: its engine, its pace, commands from outside, and what it publishes."""
 
     engine: str = parameter(
-        "vpsci", "vpsci: this package's kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
+        "vpsci", "vpsci: own kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
     )
     action_timeout: float = parameter(
         2.0,
-        "wall time to wait for an answer; without an action the rule-based driver acts until the next one",
+        "wall time to wait for an answer; without an action the rule-based driver acts",
         unit="s",
         low=0.01,
         high=3600.0,
@@ -25,16 +25,13 @@ class SimulatorConfig:
     )
     external_mode: str = parameter(
         "lock_step",
-        "lock_step: wait for a command at every tick, at most action_timeout; real_time: advance at real_time_factor "
-        "(at 1 if real_time_factor is 0), hold the last command for 0.5 s, then brake",
+        "lock_step: wait for each command; real_time: hold the last command for 0.5 s, then brake",
         choices=("lock_step", "real_time"),
     )
     interventions: list[float] = parameter(
         [],
-        "set by `vpsci ads-why` and `ads-protocol`; for each episode: scenario, number, frame, change of speed [m/s], "
-        "additional braking [m/s2], speed held until the system brakes with 3 m/s2 [m/s], number of forced "
-        "accelerations, and these accelerations from the frame on [m/s2]",
+        "set by `vpsci ads-why` and `ads-protocol`: changes of the system's commands (vpsci_ros.lockstep.intervention)",
     )
     recorded_bag: str = parameter(
-        "", "bag whose motion the driver replay follows; it needs the run's scenarios and episode numbers"
+        "", "bag that the driver replay follows, with the run's scenarios and episode numbers"
     )

@@ -23,7 +23,7 @@ class PatienceConfig:
 
     progress_timeout: float = parameter(
         60.0,
-        "wall time without progress after which the run fails; starting and waiting for a core do not count",
+        "wall time without progress after which the run fails",
         unit="s",
         low=1.0,
         high=86400.0,
@@ -36,14 +36,13 @@ class RunConfig:
 
     seed: int = parameter(
         1,
-        "seed of the draws that make an episode: spawn, number and kinds of pedestrians; policies and learner have a "
-        "`seed` of their own",
+        "seed of spawns, numbers and kinds of pedestrians; policies and learner have a `seed` of their own",
         low=0,
         high=2**63 - 1,
     )
     scenarios: list[int] = parameter(
         [1, 2, 3, 4, 5, 6, 7, 8],
-        "numbers of the scenarios to run: 1 to 8 (Table 6), 101 to 104 (docs/world.md), and those of scenario_files",
+        "scenarios to run: 1 to 8 (Table 6), 101 to 104 (docs/world.md), and those of scenario_files",
         low=1,
         high=255,
     )
@@ -52,14 +51,11 @@ class RunConfig:
     first_episode: int = parameter(0, "number of the first episode of each scenario", low=0, high=4_000_000_000)
     only: list[int] = parameter(
         [],
-        "simulate only these episodes, scenario and number of each: [1, 17, 8, 40] are episode 17 of scenario 1 and "
-        "episode 40 of scenario 8; empty: the episodes given by first_episode and episodes",
+        "simulate only these pairs: [1, 17, 8, 40] are episode 17 of scenario 1 and 40 of scenario 8",
         low=0,
         high=2**32 - 1,
     )
-    batch: int = parameter(
-        16, "number of episodes simulated in parallel; each /world/state has all of them", low=1, high=65536
-    )
+    batch: int = parameter(16, "episodes simulated in parallel", low=1, high=65536)
 
     def __post_init__(self) -> None:
         if not self.scenarios or len(set(self.scenarios)) < len(self.scenarios):

@@ -42,10 +42,7 @@ class CrowdConfig:
     """
 
     sizes: list[float] = parameter(
-        [],
-        "relative frequencies of episodes with 1, 2, ... pedestrians; empty: always as many as `pedestrians`",
-        low=0.0,
-        high=1e6,
+        [], "relative frequencies of 1, 2, ... pedestrians; empty: always `pedestrians`", low=0.0, high=1e6
     )
     group: float = constant(0.7, "share of the further ones who walk with the first one", low=0.0, high=1.0)
     opposite: float = constant(0.14, "share who come from the other side", low=0.0, high=1.0)

@@ -63,9 +63,8 @@ class PerceptionConfig:
     )
     reach: float = parameter(0.0, "range of the sensor; 0: unlimited", unit="m", low=0.0, high=1000.0)
     least_visible: float = parameter(
-        0.0, "visible share below which a pedestrian behind parked vehicles is not detected; 0: vehicles hide nobody",
-        low=0.0, high=1.0,
-    )  # fmt: skip
+        0.0, "visible share below which parked vehicles hide a pedestrian; 0: never", low=0.0, high=1.0
+    )
     position_noise: float = parameter(
         0.0, "standard deviation of the error of x, and of y", unit="m", low=0.0, high=10.0
     )
@@ -75,9 +74,8 @@ class PerceptionConfig:
     noise_time: float = constant(1.0, "correlation time of the noise; 0: none", unit="s", low=0.0, high=60.0)
     missed: float = parameter(0.0, "share of frames in which a visible pedestrian is not detected", low=0.0, high=1.0)
     latency: float = parameter(
-        0.0, "delay of published objects, rounded to whole ticks; the stamp is the time of detection",
-        unit="s", low=0.0, high=2.0,
-    )  # fmt: skip
+        0.0, "delay of objects, rounded to ticks; the stamp is the time of detection", unit="s", low=0.0, high=2.0
+    )
     lost_rate: float = parameter(0.0, "rate at which the track of a pedestrian is lost", unit="1/s", low=0.0, high=10.0)
     lost_time: float = constant(0.5, "time until a lost pedestrian is found again", unit="s", low=0.05, high=60.0)
 

@@ -28,39 +28,16 @@ class WorldConfig:
         0.05, "simulated time from one tick to the next; policies act every 0.1 s", unit="s", low=0.005, high=STEP
     )
     episode_time: float = parameter(
-        30.0,
-        "simulated time after which an episode ends as a timeout; the paper has 10 s",
-        unit="s",
-        low=0.1,
-        high=3276.0,
+        30.0, "simulated time after which an episode ends; the paper has 10 s", unit="s", low=0.1, high=3276.0
     )
     release_time: float = parameter(
         3.0, "time from the last critical tick to the hand-back", unit="s", low=0.0, high=60.0
     )
-    spawn: str = parameter(
-        "right_turns",
-        "initial motion of both agents; right_turns: of recorded right turns; human: of recordings on a campus; "
-        "paper: walking speeds of 1-4 m/s and throttle of 0.6-0.9 (section 3.2); mixed: paper in episodes with even "
-        "numbers, also in its rules (10 s, release_time 0.5, pedestrian_gain 0.5, no lane_following), and right_turns "
-        "by the parameters given in the others",
-        choices=SPAWNS,
-    )
-    vehicle_driver: str = parameter(
-        "policy",
-        "driver of the vehicle (docs/world.md); policy: the autopilot until CurvTTC is critical, then the policy",
-        choices=VEHICLE_DRIVERS,
-    )
-    pedestrian_driver: str = parameter(
-        "policy",
-        "driver of the pedestrian (docs/world.md); policy: the walker until CurvTTC is critical, then the policy",
-        choices=PEDESTRIAN_DRIVERS,
-    )
+    spawn: str = parameter("right_turns", "source of the initial motion of both agents (docs/world.md)", choices=SPAWNS)
+    vehicle_driver: str = parameter("policy", "driver of the vehicle (docs/world.md)", choices=VEHICLE_DRIVERS)
+    pedestrian_driver: str = parameter("policy", "driver of the pedestrian (docs/world.md)", choices=PEDESTRIAN_DRIVERS)
     pedestrian_gain: float = parameter(
-        1.0,
-        "share of the policy's acceleration that the pedestrian executes; equations (21)-(24) have 0.5; an external "
-        "pedestrian always executes 0.5",
-        low=0.0,
-        high=1.0,
+        1.0, "share of the policy's acceleration that the pedestrian executes; (21)-(24) have 0.5", low=0.0, high=1.0
     )
     walk_on: bool = constant(
         True, "a pedestrian who has reached the goal walks on, out of the scene; false: it stands there"
@@ -69,17 +46,11 @@ class WorldConfig:
         4.0, "the autopilot brakes fully for a pedestrian this near ahead of its front", unit="m", low=0.0, high=50.0
     )
     lane_following: bool = parameter(
-        True,
-        "true: the lateral acceleration that keeps the lane is added to that of the policy, or of /vehicle/cmd_accel, "
-        "before equation (18) turns the sum into steering; false: nothing is added, but for agents that do not steer",
+        True, "true: lane keeping is added to the lateral acceleration of the policy or driving system"
     )
-    pedestrians: int = parameter(
-        1, "largest number of pedestrians in an episode; each has its own row in the arrays", low=1, high=MOST
-    )
+    pedestrians: int = parameter(1, "largest number of pedestrians in an episode", low=1, high=MOST)
     head_starts: list[float] = parameter(
-        [],
-        "set by an exam; for each episode: scenario, number, time by which its pedestrians are ahead of the drawn ones "
-        "as it begins [s] (negative: behind), and time for which they have walked straight on since [s]",
+        [], "set by an exam: scenario, number, head start [s] and time straight on [s] of each episode"
     )
     crowd: CrowdConfig = field(default_factory=CrowdConfig)
     kinds: KindMixture = field(default_factory=KindMixture)
