@@ -13,12 +13,14 @@ from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.in_graph import result_of_bag
+from vpsci_ros.exam.in_graph import result_of_bag, unanswered_in
 from vpsci_ros.exam.result import Conduct, read_result
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 BEGINS = NodeStatus(counts=WorldCounts(tick=3, vehicle_commands=3))
 
@@ -100,3 +102,11 @@ def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
     failed = in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True)
     assert [episode.listed for episode in failed.episodes] == [episode.listed for episode in whole.episodes]
     assert failed.conduct.failure == "walker, does not react: the ADS ended"
+
+
+def test_a_tick_that_an_ads_leaves_unanswered_counts_once_however_many_pedestrians_there_are() -> None:
+    config = WorldConfig(vehicle_driver="external", pedestrian_driver="autopilot", pedestrians=3)
+    world = World(config, load_scenarios([1]), [(1, 7)], 1, 1)
+    ticks = [world.advance(world.now.unassessed()) for _ in range(2)]
+    assert all((events["kind"] == VEHICLE_ACTION_MISSING).sum() == 3 for events in ticks)
+    assert [key for events in ticks for key in unanswered_in(events)] == [(1, 7)] * 2

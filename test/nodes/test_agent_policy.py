@@ -10,7 +10,7 @@ from rclpy.context import Context
 
 from vpsci_msgs.msg import AgentAction
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.nodes.agent_policy import VehiclePolicy
+from vpsci_ros.nodes.agent_policy import UNPAIRED, VehiclePolicy
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import safety_state
@@ -58,6 +58,23 @@ def test_topics_that_overtake_each_other_are_answered_once_and_no_tick_is_missed
         send[topic](int(tick))
     session.spin_until(lambda: session.answered == [0, 2])
     assert session.missed() == 0
+
+
+# A policy that was stopped for a while finds the states of ticks that went on without it, and the answers to them.
+@pytest.mark.parametrize("order", ["state 2, state 4, safety 2, safety 4", "safety 2, safety 4, state 2, state 4"])
+def test_a_policy_that_was_stopped_answers_every_tick_in_its_queues(session: Session, order: str) -> None:
+    send = {"state": session.state, "safety": session.safety}
+    for topic, tick in (message.split() for message in order.split(", ")):
+        send[topic](int(tick))
+    session.spin_until(lambda: session.answered == [0, 2, 4])
+
+
+def test_of_messages_without_the_other_one_of_their_tick_only_the_latest_are_kept(session: Session) -> None:
+    ticks = range(2, 2 * UNPAIRED + 4, 2)
+    for send in (session.state, session.safety):
+        for tick in ticks:
+            send(tick)
+    session.spin_until(lambda: session.answered == [0, *ticks[1:]])
 
 
 def test_a_safety_state_is_checked_once_and_only_where_the_policy_acts_by_it(

@@ -116,6 +116,14 @@ def test_a_missing_answer_is_reported_and_the_rule_based_driver_acts_until_the_n
         assert world.state[name] == alone.state[name]
 
 
+def test_an_answer_that_is_missing_where_no_policy_acts_is_reported_and_changes_nothing():
+    world, answered = (World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1) for _ in range(2))
+    missing = [VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING]
+    assert [world.advance(calm(world))["kind"].tolist() for _ in range(3)] == [missing, [], missing]  # at policy frames
+    assert not any(len(answered.advance(calm(answered), nothing(answered))) for _ in range(3))
+    assert world.state.tobytes() == answered.state.tobytes()
+
+
 def test_without_curvttc_nothing_is_critical_and_an_event_says_so():
     world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
     assert world.advance(world.now.unassessed(), nothing(world))["kind"].tolist() == [SAFETY_MISSING]

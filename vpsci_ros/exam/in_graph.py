@@ -135,12 +135,8 @@ def result_of_graph(exam: Exam, name: str, graph: "GraphResult") -> RunResult:
         return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
 
-    def count(events: NDArray[np.void]) -> None:
-        for event in events:
-            unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
-
     try:
-        found = result_of_bag(bag, exam, count)
+        found = result_of_bag(bag, exam, lambda events: unanswered.update(unanswered_in(events)))
     except InvalidInput:
         if not graph.error:
             raise
@@ -149,7 +145,13 @@ def result_of_graph(exam: Exam, name: str, graph: "GraphResult") -> RunResult:
     if (left := len(found.episodes) - len(own)) and not graph.error:
         text = f"{left} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
         conduct = dataclasses.replace(conduct, failure=text)
-    return found._replace(episodes=own, conduct=conduct, unanswered=dict(+unanswered))
+    return found._replace(episodes=own, conduct=conduct, unanswered=dict(unanswered))
+
+
+def unanswered_in(events: NDArray[np.void]) -> Iterator[Key]:
+    """Yield the key of the episode at each tick, of EVENT[n], that the ADS left unanswered."""
+    missing = events[(events["kind"] == VEHICLE_ACTION_MISSING) & (events["slot"] == 0)]  # of other pedestrians too
+    return zip(missing["scenario"].tolist(), missing["episode"].tolist(), strict=True)
 
 
 def result_of_bag(bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None) -> RunResult:

@@ -2,7 +2,7 @@
 
 import time
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,9 @@ from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.world_state import StateContent, read_world_state, warm_up
 from vpsci_ros.world.tick import Tick, finite_pairs
 
+T = TypeVar("T")
 OFFER_PERIOD = 0.1  # [s]: endpoints of two programs that know each other are matched within some milliseconds
+UNPAIRED = 64  # states, and safety states, without the other one of their tick: a run ends after 20 missing answers
 
 
 class AgentPolicy(GraphNode):
@@ -31,7 +33,8 @@ class AgentPolicy(GraphNode):
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
     which it does not act, so that the world never waits in vain. An answer is a function of all policy frames since the
-    hand-over: a policy that was not there at a hand-over ends with an error.
+    hand-over: a policy that was not there at a hand-over ends with an error, and one that was stopped for a while
+    answers the ticks that it finds in its queues one by one, though too late for the world.
     """
 
     def __init__(self, agent: str, **given: Any) -> None:
@@ -42,8 +45,9 @@ class AgentPolicy(GraphNode):
         self._version = 0  # of the weights
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
-        self._world: StateContent | None = None
-        self._safety: SafetyContent | None = None
+        self._states: dict[int, StateContent] = {}  # by tick, as long as its safety state is not there
+        self._safety: dict[int, SafetyContent] = {}  # by tick, as long as its state is not there
+        self._newest = -1  # tick of the latest state
         self._known = -1  # the latest tick that was worked through
         self._meter = Meter()
         if isinstance(self._agent, PolicyAgent):
@@ -92,15 +96,26 @@ class AgentPolicy(GraphNode):
         self._monitor_found = self._monitored.get_publisher_count() > 0
 
     def _on_state(self, world: StateContent) -> None:
-        if self._world is not None and world.tick.number < self._world.tick.number:
-            self._known = -1  # another world
-        self._world = world
-        self._meter.tick(world.tick.number)
-        self._answer()
+        number = world.tick.number
+        if number < self._newest:  # another world
+            self._known = -1
+            self._states.clear()
+            self._safety = {tick: safety for tick, safety in self._safety.items() if tick == number}
+        self._newest = number
+        self._meter.tick(number)
+        self._keep(self._states, number, world)
+        self._answer(number)
 
     def _on_safety(self, safety: SafetyContent) -> None:
-        self._safety = safety
-        self._answer()
+        self._keep(self._safety, safety.tick, safety)
+        self._answer(safety.tick)
+
+    def _keep(self, messages: dict[int, T], number: int, message: T) -> None:
+        """Keep a message of a tick for the other one of its tick; of too many without the other, not the oldest."""
+        if number > self._known:
+            messages[number] = message
+        if len(messages) > UNPAIRED:
+            del messages[next(iter(messages))]
 
     def _weights(self, message: PolicyWeights) -> tuple[Weights, int]:
         """Return the weights of a message, and their version.
@@ -114,18 +129,19 @@ class AgentPolicy(GraphNode):
         self._take_up(agent, weights, version)
         self.get_logger().info(f"acts with weights of version {version}")
 
-    def _answer(self) -> None:
+    def _answer(self, number: int) -> None:
+        """Answer a tick if both of its messages are there."""
         arrived = time.perf_counter()
-        safety = self._safety
-        if self._actions is None or self._world is None or safety is None:
+        if self._actions is None or number not in self._states or number not in self._safety:
             return
-        header, tick, _ = self._world
-        if tick.number != safety.tick or tick.number <= self._known:
-            return
+        header, tick, _ = self._states[number]
         if self._known < 0:
             _require_no_hand_over(tick)
         self.simulated_at = header.at
-        message = self._act(header, tick, safety)
+        message = self._act(header, tick, self._safety[number])
+        for messages in (self._states, self._safety):
+            for past in [tick for tick in messages if tick <= self._known]:
+                del messages[past]
         if message is not None:
             self._actions.publish(message)
             self._meter.answered(arrived)

@@ -31,6 +31,12 @@ PLACES = 5  # of a pair: x, y [m] and heading [rad] of the vehicle, x, y [m] of 
 
 
 @inlined
+def _awaited(driver, policy_frame):  # type: ignore[no-untyped-def]
+    """Return whether an agent has to answer: an external one always, a policy at every policy frame."""
+    return driver == EXTERNAL or (driver == POLICY and policy_frame)
+
+
+@inlined
 def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
     """Bookkeeping and hand-over of a running record at its tick; return the events as bits 1 << kind."""
     events = 0
@@ -51,9 +57,8 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
         episode.vehicle_held = len(answers.vehicle_action) > 0
         if episode.vehicle_held:
             episode.vehicle_long, episode.vehicle_lat = answers.vehicle_action[i, 0], answers.vehicle_action[i, 1]
-        else:
-            events |= 1 << VEHICLE_ACTION_MISSING
-    if settings.vehicle_driver == EXTERNAL and not len(answers.vehicle_action) and not len(answers.vehicle_control):
+    driven = len(answers.vehicle_action) > 0 or len(answers.vehicle_control) > 0
+    if _awaited(settings.vehicle_driver, answers.policy_frame[i]) and not driven:
         events |= 1 << VEHICLE_ACTION_MISSING
     if settings.pedestrian_driver == POLICY and acts:
         since = (episode.step - 1) * settings.policy_ticks * settings.period
@@ -61,9 +66,7 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
         if episode.pedestrian_held:
             episode.pedestrian_long = answers.pedestrian_action[i, 0]
             episode.pedestrian_lat = answers.pedestrian_action[i, 1]
-        elif not len(answers.pedestrian_action):
-            events |= 1 << PEDESTRIAN_ACTION_MISSING
-    if settings.pedestrian_driver == EXTERNAL and not len(answers.pedestrian_action):
+    if _awaited(settings.pedestrian_driver, answers.policy_frame[i]) and not len(answers.pedestrian_action):
         events |= 1 << PEDESTRIAN_ACTION_MISSING
     return events
 
