@@ -121,6 +121,7 @@ EXTRAS = {
     "test": [
         "lanelet2>=1.2.2,<2",
         "mypy>=1.13,<3",
+        "pandas>=2.2,<4",
         "playwright>=1.45,<2",  # with Debian's chromium: the pages in a real browser
         "pytest-timeout>=2.3,<3",
         "pytest-xdist>=3.6,<4",

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -49,6 +50,23 @@ def test_kept_episodes_are_written_in_order_with_every_frame(simulate, tmp_path:
     assert (
         table["veh_id"].n_unique() + table["ped_id"].n_unique() == len(set(table["veh_id"]) | set(table["ped_id"])) == 8
     )
+
+
+def test_the_page_s_recipe_reads_all_tables_by_pandas_and_joins_the_index_by_polars(
+    simulate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pandas = pytest.importorskip("pandas", reason="pip install 'vpsci_ros[test]'")
+    folder = tmp_path / "out" / "vpsci"
+    write(folder, simulate(LENGTHS, OUTCOMES, 3), 3, formats=["parquet", "csv"])
+    with pytest.raises(ValueError, match="Could not read schema"):
+        pandas.read_parquet(folder)
+    page = (Path(__file__).parents[2] / "docs" / "dataset.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(page.partition("```python\n")[2].partition("```")[0], names)
+    assert names["rows"].groupby("count").size().to_dict() == {0: 150, 2: 110, 3: 201, 5: 120}
+    outcomes = names["frames"].group_by("outcome").len().sort("len")
+    assert outcomes.rows() == [("collision", 120), ("timeout", 201), ("goal", 260)]
 
 
 def test_csv_is_the_text_of_the_parquet_file(simulate, tmp_path: Path) -> None:
