@@ -64,11 +64,11 @@ NOTES = """
   alone. The exceptions are missing answers, a learner, a CARLA server and an external driving system.
 - **One process.** `vpsci graph --composed` runs all nodes in one process, with an equal bag. Separate processes use
   several cores.
-- **Odometry.** The world publishes odometry, `/tf` and `/markers` only with `batch=1`, `/pedestrians/odometry` only
-  with several pedestrians, and no odometry of pedestrians in a graph with `perception`.
+- **Odometry.** The world publishes odometry, `/tf` and `/markers` only with `batch=1`. Several pedestrians have
+  `/pedestrians/odometry`. In a graph with `perception` pedestrians have no odometry.
 - **Frames.** `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
   `pedestrian/base_link` (x in its walking direction).
-- **End.** `world_simulator` ends after its episodes, the `replayer` after its bag, and a `learner` of stage 1 after its
+- **End.** `world_simulator` ends after its episodes, the `replayer` after its bag, a `learner` of stage 1 after its
   training. The other nodes wait for the next `world_simulator` until Ctrl-C.
 - **Network.** Discovery stays on this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
   `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` is set.
