@@ -3,7 +3,7 @@
 
     python tools/architecture.py
 
-Drawn are the direct arrows alone: where a room also imports what lies two arrows away, no third one is drawn.
+Named are the direct arrows alone: what a room imports through another room is left out.
 """
 
 import ast
@@ -65,14 +65,14 @@ def first_sentence(room: str) -> str:
 
 
 def written() -> str:
-    """Return the diagram and the table of rooms."""
+    """Return the table of rooms."""
     below = arrows()
-    order = _from_the_ground_up(below)
-    lines = [f"    {room} --> {other}" for room, theirs in direct(below).items() for other in sorted(theirs)]
-    rows = [f"| `{room}` | {first_sentence(room)} |" for room in order]
-    return "\n".join(
-        ["```mermaid", "flowchart BT", *lines, "```", "", "| room, lowest first | content |", "|---|---|", *rows, ""]
-    )
+    arrow = direct(below)
+    rows = [
+        f"| `{room}` | {', '.join(sorted(arrow[room]))} | {first_sentence(room)} |"
+        for room in _from_the_ground_up(below)
+    ]
+    return "\n".join(["", "| room, lowest first | imports | content |", "|---|---|---|", *rows, ""])
 
 
 def main() -> None:
@@ -86,7 +86,7 @@ def in_page() -> str:
     """Return what the page has between the marks."""
     match = re.search(re.escape(BEGIN) + "(.*)" + re.escape(END), PAGE.read_text(encoding="utf-8"), re.DOTALL)
     if not match:
-        raise SystemExit(f"{PAGE}: expected {BEGIN!r} and {END!r} around the diagram")
+        raise SystemExit(f"{PAGE}: expected {BEGIN!r} and {END!r} around the table")
     return match[1]
 
 
