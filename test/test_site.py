@@ -1,4 +1,4 @@
-"""The documentation site: it builds without a warning, its diagram is that of the imports, and its tutorial runs."""
+"""The documentation site: it builds without a warning, its table of rooms is that of the imports, and its tutorial runs."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     assert "ma_sst_ddpg" in (tmp_path / "site/model_card.html").read_text("utf-8")
 
 
-def test_the_diagram_of_rooms_is_that_of_the_imports(tool: Callable[[str], ModuleType]) -> None:
+def test_the_table_of_rooms_is_that_of_the_imports(tool: Callable[[str], ModuleType]) -> None:
     architecture = tool("architecture")
     assert architecture.in_page() == architecture.written(), "python tools/architecture.py writes it"
 
