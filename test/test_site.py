@@ -1,4 +1,4 @@
-"""The documentation site: it builds without a warning, its table of rooms is that of the imports, and its tutorial runs."""
+"""The documentation site: it builds without a warning, its rooms are those of the imports, and its tutorial runs."""
 
 import os
 import subprocess
