@@ -230,6 +230,13 @@ EXAM = "exam.json"  # what an exam is, in its folder
 FRAMES = "frames.parquet"  # of a run of an exam
 
 
+def exam_runs(folder: Path) -> list[tuple[str, Path]]:
+    """Return pedestrian and file of each run in an exam's folder, by name and part."""
+    paths = folder.glob(f"runs/*/*/{FRAMES}")
+    ordered = sorted(paths, key=lambda path: (path.parts[-3], int(path.parts[-2])))
+    return [(path.parts[-3], path) for path in ordered]
+
+
 class EpisodeFile:
     """Simulated episodes in one Parquet file, as `write_episodes` writes it.
 

@@ -1,6 +1,5 @@
 """An exam's episodes for the page that plays them: the driving system beside the autopilot."""
 
-import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,13 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_reader import EXAM, FRAMES, EpisodeFile
+from vpsci_ros.data.dataset_reader import EXAM, EpisodeFile, exam_runs
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam_config import ADS, ALONE, BASELINE, title_of
 from vpsci_ros.exam.measures import read_episode_table
-from vpsci_ros.exam.result import run_folder
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH, contact_step
 from vpsci_ros.view.pack import Shown, Source
@@ -49,13 +47,14 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 def stored_episodes(folder: Path, driver: str, pedestrian: str) -> Iterator[Episode]:
     """Yield the stored episodes of a driver, the ADS or the autopilot, with one pedestrian, part by part.
 
-    :raises InvalidInput: the file of the first part is missing, or a file cannot be read.
+    :raises InvalidInput: there is no file, or one cannot be read.
     """
+    paths = [path for name, path in exam_runs(folder) if name == pedestrian]
     if driver == BASELINE:
-        yield from EpisodeFile(autopilot_file(folder, pedestrian)).read()
-        return
-    further = (run_folder(folder, pedestrian, part) / FRAMES for part in itertools.count(1))
-    for path in (run_folder(folder, pedestrian, 0) / FRAMES, *itertools.takewhile(Path.is_file, further)):
+        paths = [autopilot_file(folder, pedestrian)]
+    elif not paths:
+        raise InvalidInput(f"{folder}: no finished run with {pedestrian}; give the exam's command again")
+    for path in paths:
         yield from EpisodeFile(path).read()
 
 

@@ -17,7 +17,7 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.dataset_reader import EXAM, FRAMES, Dataset, EpisodeFile
+from vpsci_ros.data.dataset_reader import EXAM, Dataset, EpisodeFile, exam_runs
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
@@ -154,8 +154,7 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
 
 def _exam(folder: Path) -> EpisodeSource:
     """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12"."""
-    paths = sorted((folder / "runs").glob(f"*/*/{FRAMES}"), key=lambda path: (path.parts[-3], int(path.parts[-2])))
-    files = [(path.parts[-3], EpisodeFile(path)) for path in paths if path.parts[-3] != ALONE]
+    files = [(pedestrian, EpisodeFile(path)) for pedestrian, path in exam_runs(folder) if pedestrian != ALONE]
     listed = [_with(pedestrian, one) for pedestrian, file in files for one in file.listed]
     if not listed:
         raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
