@@ -17,7 +17,8 @@ class Jerky(RepeatVelocity):
     """Brakes the vehicle whatever happens."""
 
     def act(self, vehicle, pedestrian, curvttc, active):
-        return self._none + np.array([-2.0, 0.0], np.float32), self._none
+        none, _ = super().act(vehicle, pedestrian, curvttc, active)
+        return none + np.array([-2.0, 0.0], np.float32), none
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ import cloudpickle
 
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.cluster import DaskCluster
-from vpsci_ros.runs.workers import Place, Workers, computed
+from vpsci_ros.runs.workers import Place, Work, Workers, computed
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
 UNITS = 12
@@ -62,7 +62,8 @@ def two(tmp_path: Path) -> Iterator[LocalCluster]:
 
 
 def started(cluster: LocalCluster, signs: Path, seconds: float = 0.0, **options: bool) -> "Workers[int, int]":
-    return DaskCluster(str(cluster.file)).start(partial(squares, signs, seconds), signs.parent / "out", **options)
+    work = Work(partial(squares, signs, seconds), signs.parent / "out", **options)
+    return DaskCluster(str(cluster.file)).start(work)
 
 
 def all_of(workers: "Workers[int, int]", units: int = UNITS) -> dict[int, int]:
@@ -178,7 +179,7 @@ def test_a_worker_that_differs_is_left_out_and_named(
     assert "computes with kernels = " in seen
     assert workers.size == 2
     workers.close()
-    mixed = DaskCluster(str(two.file), mixed_cpus=True).start(partial(squares, signs, 0.0), tmp_path / "out")
+    mixed = DaskCluster(str(two.file), mixed_cpus=True).start(Work(partial(squares, signs, 0.0), tmp_path / "out"))
     stepped(mixed, 3)
     mixed.close()
 

@@ -48,33 +48,6 @@ class Predictor(Protocol):
         """Append the executed accelerations [m/s2] to the histories where `active`."""
 
 
-class RepeatVelocity:
-    """The control: both agents keep the last observed velocity (acceleration 0).
-
-    :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's velocity by its last observed positions.
-    """
-
-    def __init__(self, tracked_steps: int = 0) -> None:
-        self.tracked_steps = tracked_steps
-
-    def begin(self, count: int) -> None:
-        """Prepare for `count` interactions, see `Predictor.begin`."""
-        self._none = np.zeros((count, 2), np.float32)
-
-    def act(
-        self,
-        vehicle: NDArray[np.float32],
-        pedestrian: NDArray[np.float32],
-        curvttc: NDArray[np.float64],
-        active: NDArray[np.bool_],
-    ) -> Actions:
-        """Return both agents' accelerations, see `Predictor.act`."""
-        return self._none, self._none
-
-    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """Do nothing: a repeated velocity needs no history, see `Predictor.executed`."""
-
-
 class FadingAcceleration:
     """The control in which both agents' last known accelerations continue and fade, as recorded ones do.
 
@@ -107,6 +80,17 @@ class FadingAcceleration:
         """Keep the last accelerations, see `Predictor.executed`."""
         for last, action in zip(self._last, actions, strict=True):
             last[active] = action[active]
+
+
+class RepeatVelocity(FadingAcceleration):
+    """The control: both agents keep the last observed velocity (acceleration 0).
+
+    :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's velocity by its last observed positions.
+    """
+
+    def __init__(self, tracked_steps: int = 0) -> None:
+        super().__init__((0.0, 0.0))
+        self.tracked_steps = tracked_steps
 
 
 class PolicyPredictor:

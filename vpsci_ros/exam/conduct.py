@@ -28,7 +28,7 @@ from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.runs.files import changed_files, sha256, write_json
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, read_record
-from vpsci_ros.runs.workers import HERE, Place, Site, computed
+from vpsci_ros.runs.workers import HERE, Place, Site, Work, computed
 
 RESULT = "result.json"  # what a finished run is, and the hash of each of its files
 
@@ -80,13 +80,9 @@ def run_with_all(
 
     todo = list(filter(None, [following()]))
     if todo:
-        pool = workers.start(
-            partial(conductor, parts, [exam_digest(part) for part in parts], titles),
-            folder,
-            most=len(runs),
-            reads=partial(files_to_take, exam),
-            whole_host=not exam.in_process,
-        )
+        job = partial(conductor, parts, [exam_digest(part) for part in parts], titles)
+        reads = partial(files_to_take, exam)
+        pool = workers.start(Work(job, folder, len(runs), reads, whole_host=not exam.in_process))
         with contextlib.closing(pool), Bars(quiet=quiet or alone, where=workers.hosts) as bars:
             for run, _ in computed(pool, lambda: todo.pop() if todo else following(), ahead=False):
                 take(run)

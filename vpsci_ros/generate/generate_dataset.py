@@ -28,7 +28,7 @@ from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
-from vpsci_ros.runs.workers import Site, Workers, computed, local_workers
+from vpsci_ros.runs.workers import Site, Work, Workers, computed, local_workers
 
 UNIT = 1024  # episodes in a unit of work; small datasets have smaller ones
 PARALLEL = 1024  # episodes that a worker simulates side by side
@@ -56,7 +56,7 @@ def simulators(job: Job, batch: int, count: int) -> Workers[Unit, EpisodeBlock]:
 
 def part_writers(job: Job, batch: int, site: Site, parts: Parts) -> Workers[Unit, int]:
     """Return the workers of a site that make parts of a dataset, see `storing`."""
-    return site.start(partial(storing, job, batch, parts), parts.folder)
+    return site.start(Work(partial(storing, job, batch, parts), parts.folder))
 
 
 def generate(

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Generic
 from vpsci_ros.errors import VpsciError, require
 from vpsci_ros.runs.cluster_worker import Order, compute, dismiss, enlist, facts
 from vpsci_ros.runs.files import atomic_write
-from vpsci_ros.runs.workers import PlacedJob, Result, Unit, Workers
+from vpsci_ros.runs.workers import Result, Unit, Work, Workers
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -49,16 +49,8 @@ class DaskCluster:
     alone = False
     _hosts: Counter[str] = field(default_factory=Counter)  # units at a time, by name
 
-    def start(
-        self,
-        job: PlacedJob[Unit, Result],
-        folder: Path,
-        *,
-        most: int | None = None,
-        reads: Callable[[], Iterable[Path]] = tuple,
-        whole_host: bool = False,
-    ) -> Workers[Unit, Result]:
-        """Return workers of a job, see `Site`.
+    def start(self, work: Work[Unit, Result]) -> Workers[Unit, Result]:
+        """Return workers that do this work, see `Site`.
 
         :raises NotInstalled: Dask is not installed.
         :raises VpsciError: no scheduler answers, or every worker refuses the job.
@@ -66,10 +58,10 @@ class DaskCluster:
         require("distributed")
         import cloudpickle
 
-        files = {str(path.absolute()): (path.stat().st_mode & 0o777, path.read_bytes()) for path in reads()}
-        order = Order(facts(mixed_cpus=self.mixed_cpus), cloudpickle.dumps(job), files, str(Path.cwd()))
+        files = {str(path.absolute()): (path.stat().st_mode & 0o777, path.read_bytes()) for path in work.reads()}
+        order = Order(facts(mixed_cpus=self.mixed_cpus), cloudpickle.dumps(work.job), files, str(Path.cwd()))
         client = _connected(self.address)
-        return ClusterWorkers(client, self.address, pickle.dumps(order), folder, whole_host, self._hosts)
+        return ClusterWorkers(client, self.address, pickle.dumps(order), work.folder, work.whole_host, self._hosts)
 
     def hosts(self) -> str:
         """Return the names of the hosts at work and how many units each computes at a time."""

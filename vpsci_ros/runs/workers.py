@@ -50,6 +50,23 @@ PlacedJob = Callable[[Place], Callable[[Unit], Result]]
 """A job that reads files and writes files, made at a place."""
 
 
+@dataclass(frozen=True)
+class Work(Generic[Unit, Result]):
+    """What the workers of a `Site` do.
+
+    :ivar folder: into which the files go that the units write.
+    :ivar most: units that there are to compute.
+    :ivar reads: returns the user's files that the job reads, with their absolute paths.
+    :ivar whole_host: a unit needs all of a machine, where there are several.
+    """
+
+    job: PlacedJob[Unit, Result]
+    folder: Path
+    most: int | None = None
+    reads: Callable[[], Iterable[Path]] = tuple
+    whole_host: bool = False
+
+
 class Serial(Generic[Unit, Result]):
     """Computes units in this process, one in each `collect`."""
 
@@ -206,22 +223,8 @@ class Site(Protocol):
     def mixed_cpus(self) -> bool:
         """Whether workers may have other CPUs than this machine, and results other last bits."""
 
-    def start(
-        self,
-        job: PlacedJob[Unit, Result],
-        folder: Path,
-        *,
-        most: int | None = None,
-        reads: Callable[[], Iterable[Path]] = tuple,
-        whole_host: bool = False,
-    ) -> Workers[Unit, Result]:
-        """Return workers of a job.
-
-        :param folder: into which the files go that the units write.
-        :param most: units that there are to compute.
-        :param reads: returns the user's files that the job reads, with their absolute paths.
-        :param whole_host: a unit needs all of a machine, where there are several.
-        """
+    def start(self, work: Work[Unit, Result]) -> Workers[Unit, Result]:
+        """Return workers that do this work."""
 
     def hosts(self) -> str:
         """Return the names of the machines at work; empty for this machine."""
@@ -239,11 +242,9 @@ class ThisMachine:
         """Whether this process does the work."""
         return self.count == 1
 
-    def start(
-        self, job: PlacedJob[Unit, Result], folder: Path, *, most: int | None = None, **_: object
-    ) -> Workers[Unit, Result]:
-        """Return workers of a job, see `Site`."""
-        return local_workers(partial(job, Place(folder)), min(self.count, most or self.count))
+    def start(self, work: Work[Unit, Result]) -> Workers[Unit, Result]:
+        """Return workers that do this work, see `Site`."""
+        return local_workers(partial(work.job, Place(work.folder)), min(self.count, work.most or self.count))
 
     def hosts(self) -> str:
         """Return nothing: it is this machine."""

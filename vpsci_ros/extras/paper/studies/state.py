@@ -10,7 +10,7 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.identity import require_same
-from vpsci_ros.runs.workers import Place, Site, computed
+from vpsci_ros.runs.workers import Place, Site, Work, computed
 
 STATE = "study.json"
 Part = TypeVar("Part")
@@ -37,7 +37,7 @@ def side_by_side(
     if site.alone or not todo:
         return
     waiting, wanted = iter(todo), float(len(todo))
-    pool = site.start(partial(_learner, learn), folder, most=len(todo))
+    pool = site.start(Work(partial(_learner, learn), folder, most=len(todo)))
     with contextlib.closing(pool):
         for done, _ in enumerate(computed(pool, lambda: next(waiting, None), ahead=False), 1):
             report(site.hosts() or "side by side", {"episode": float(done), "episodes": wanted})
