@@ -138,7 +138,7 @@ def driven(
     runs, times = timed_runs(exam, folder, quiet=True)
     alone = runs[ALONE].episodes
     return pl.concat(
-        episode_table(run, alone, exam.config, driver="ads", pedestrian=name, timing={} if name == ALONE else times)
+        episode_table(run, alone, driver="ads", pedestrian=name, timing={} if name == ALONE else times)
         for name, run in runs.items()
     )
 
@@ -155,7 +155,7 @@ def rule_based(episodes: int) -> pl.DataFrame:
     exam = exam_of("Blind5", "autopilot", episodes)
     alone = autopilot_run(exam, ALONE).episodes
     runs = {name: autopilot_run(exam, name) for name in PEDESTRIANS}
-    tables = [episode_table(run, alone, exam.config, driver="ads", pedestrian=name) for name, run in runs.items()]
+    tables = [episode_table(run, alone, driver="ads", pedestrian=name) for name, run in runs.items()]
     away = pl.DataFrame({"pedestrian": [ALONE] * len(alone), "arrived": [arrival(each) is not None for each in alone]})
     return pl.concat([*tables, away], how="diagonal")
 

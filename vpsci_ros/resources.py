@@ -20,14 +20,14 @@ def params_dir(package: Path = _PACKAGE) -> Path:
     return _data_dir(package, "params", "parameter files")
 
 
-def params_path(name: str | Path, package: Path = _PACKAGE) -> Path:
+def params_path(name: str | Path) -> Path:
     """Return the parameter file `name`: a path, or the name of a shipped one ("stage3_generate").
 
     :raises InvalidInput: there is no such file.
     """
     if Path(name).is_file():
         return Path(name)
-    shipped = {path.stem: path for path in params_dir(package).glob("*.yaml")}
+    shipped = {path.stem: path for path in params_dir().glob("*.yaml")}
     if str(name).removesuffix(".yaml") in shipped:
         return shipped[str(name).removesuffix(".yaml")]
     raise InvalidInput(f"{name}: no such parameter file; the package's own are {', '.join(sorted(shipped))}")
@@ -41,12 +41,12 @@ def messages_dir(package: Path = _PACKAGE) -> Path:
     return _data_dir(package, "msg_defs/msg", "message definitions")
 
 
-def robot_description(agent: str, package: Path = _PACKAGE) -> str:
+def robot_description(agent: str) -> str:
     """Return the URDF of "vehicle" or "pedestrian", whose root link is `base_link`.
 
     :raises InvalidInput: the package was installed without it.
     """
-    return (_data_dir(package, "urdf", "robot descriptions") / f"{agent}.urdf").read_text(encoding="utf-8")
+    return (_data_dir(_PACKAGE, "urdf", "robot descriptions") / f"{agent}.urdf").read_text(encoding="utf-8")
 
 
 def _data_dir(package: Path, folder: str, what: str) -> Path:
@@ -62,7 +62,7 @@ def _data_dir(package: Path, folder: str, what: str) -> Path:
     )
 
 
-def weights_path(name: str, package: Path = _PACKAGE, *, made_by: str = "vpsci people") -> Path:
+def weights_path(name: str, *, made_by: str = "vpsci people") -> Path:
     """Return the file of the policy `name`: a path, or the name of a shipped one ("people").
 
     :param made_by: the command that makes such a file, named where a path leads nowhere.
@@ -72,19 +72,19 @@ def weights_path(name: str, package: Path = _PACKAGE, *, made_by: str = "vpsci p
         if not Path(name).is_file():
             raise InvalidInput(f"weights {name}: no such file; make one with '{made_by}', or name a shipped one")
         return Path(name)
-    shipped = {path.stem: path for path in (package / "models").glob("*.safetensors")}
+    shipped = {path.stem: path for path in (_PACKAGE / "models").glob("*.safetensors")}
     if name not in shipped:
         known = f"the shipped {', '.join(sorted(shipped))}" if shipped else "none are shipped"
         raise InvalidInput(f"weights {name!r}: expected a .safetensors file or a shipped name ({known})")
     return shipped[name]
 
 
-def recorded_onsets_path(package: Path = _PACKAGE) -> Path:
+def recorded_onsets_path() -> Path:
     """Return the CSV file of recorded onsets, from which the spawn method `right_turns` draws."""
-    return package / "recordings" / "onsets.csv"
+    return _PACKAGE / "recordings" / "onsets.csv"
 
 
-def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, str]:
+def near_misses_part(name: str | Path) -> tuple[Path, str]:
     """Return the file of the near-miss table that `name` names, and its part as a prefix of clip names ("": all).
 
     A table is "right_turns", which is shipped with the package, or a path; a part is named as if the table were a
@@ -93,12 +93,12 @@ def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, 
     given = Path(name)
     for path in (given, *given.parents):
         shipped = str(path) == RIGHT_TURNS and not path.exists()
-        table = package / "recordings" / f"{RIGHT_TURNS}.parquet" if shipped else path
+        table = _PACKAGE / "recordings" / f"{RIGHT_TURNS}.parquet" if shipped else path
         if table.is_file():
             return table, given.relative_to(path).as_posix().removeprefix(".")
     return given, ""
 
 
-def near_misses_path(name: str | Path, package: Path = _PACKAGE) -> Path:
+def near_misses_path(name: str | Path) -> Path:
     """Return the file of the near-miss table that `name` names, as a whole or in part; see `near_misses_part`."""
-    return near_misses_part(name, package)[0]
+    return near_misses_part(name)[0]

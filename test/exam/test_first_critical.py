@@ -63,7 +63,7 @@ def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ(
     result = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
     assert len(result.episodes) == EPISODES, "an episode is one, however many pedestrians it has"
     options = {"driver": "autopilot", "pedestrian": "walker"}
-    table = episode_table(result, [], ExamConfig(), **options)
+    table = episode_table(result, [], **options)
     report = make_report(table, {"walker": Conduct(EPISODES)}, ExamConfig(pedestrians=["walker"], baseline=True))
     groups = report["groups"]
     assert set(groups) == {"kind", "hidden"}, "all groups are of two"

@@ -51,7 +51,7 @@ def drive(speeds, *, curvttc=np.inf, outcome="goal", episode=0, walking=1.5):
 
 def row(found, alone=(), **options):
     given = {"driver": "ads", "pedestrian": "learned"} | options
-    return episode_table(RunResult([found]), list(alone), CONFIG, **given).row(0, named=True)
+    return episode_table(RunResult([found]), list(alone), **given).row(0, named=True)
 
 
 def test_hard_braking_is_above_the_threshold_and_not_at_it():
@@ -93,7 +93,7 @@ def test_the_worst_are_contacts_of_a_moving_vehicle_by_speed_and_last_whoever_wa
     speeds = {0: 0.0, 1: 2.0, 2: 6.0}  # at the contact, by episode
     found = [drive(np.full(30, speed), outcome="collision", episode=number) for number, speed in speeds.items()]
     found += [drive(np.full(30, 4.0), curvttc=ttc, episode=number) for number, ttc in ((3, 0.8), (4, 0.3))]
-    table = episode_table(RunResult(found), [], CONFIG, driver="ads", pedestrian="learned")
+    table = episode_table(RunResult(found), [], driver="ads", pedestrian="learned")
     assert worst_first(table)["episode"].to_list() == [2, 1, 4, 3, 0]
 
 
@@ -146,7 +146,7 @@ def table(**collisions):
             for k, hit in enumerate(outcomes)
         ]
         alone = [drive(np.full(30, 4.0), episode=k) for k in range(len(outcomes))]
-        parts.append(episode_table(RunResult(drives), alone, CONFIG, driver=driver, pedestrian=pedestrian))
+        parts.append(episode_table(RunResult(drives), alone, driver=driver, pedestrian=pedestrian))
     return pl.concat(parts)
 
 
@@ -198,7 +198,7 @@ def test_who_stops_short_of_the_goal_for_good_has_not_arrived_and_stood_still():
 
 def test_a_report_counts_refused_commands_and_unanswered_ticks():
     run = RunResult([drive(np.full(30, 4.0))], unanswered={(1, 0): 7})
-    rows = episode_table(run, [], CONFIG, driver="ads", pedestrian="learned")
+    rows = episode_table(run, [], driver="ads", pedestrian="learned")
     report = make_report(rows, {"learned": Conduct(4, 12, failure="the ADS was killed")}, CONFIG)
     conduct = report["conduct"]["learned"]
     assert (conduct["episodes_driven"], conduct["episodes_wanted"], conduct["commands_refused"]) == (1, 4, 12)

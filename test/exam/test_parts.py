@@ -44,7 +44,7 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
     found = run_with_all(exam, tmp_path, ["walker"], workers=two, quiet=True)["walker"]
     assert (tmp_path / "died").exists()
     assert {path.name for path in (tmp_path / "runs" / "walker").iterdir()} == {"1", "2"}
-    table = episode_table(found, [], small_exam().config, driver="ads", pedestrian="walker").drop("time_lost")
+    table = episode_table(found, [], driver="ads", pedestrian="walker").drop("time_lost")
     whole = pl.read_parquet(driven / "episodes.parquet").filter(pl.col("pedestrian") == "walker")
     assert table.equals(whole.drop("time_lost"))
     stored = stored_episodes(tmp_path, ADS, "walker")

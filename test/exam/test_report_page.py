@@ -35,7 +35,7 @@ def episodes(pedestrian, driver, collide):
     """Twelve episodes, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
     made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome="collision") for k in range(collide)]
     made += [drive(np.linspace(5.0, 0.5, 40), curvttc=3.0, episode=k) for k in range(collide, 12)]
-    return made, episode_table(RunResult(made), [], CONFIG, driver=driver, pedestrian=pedestrian)
+    return made, episode_table(RunResult(made), [], driver=driver, pedestrian=pedestrian)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_the_first_paragraph_says_how_many_critical_episodes_begin_beyond_the_ra
     # Of speeds to 5 m/s, distances to 40 m, walking speeds to 3 m/s and any angle: three of twelve drive at 8 m/s.
     reach = np.repeat([[0.0, 5.0], [0.0, 40.0], [0.0, 3.0], [0.0, 180.0]], [1, 4], axis=1)
     made = [drive(np.full(40, 3.0 if k < 9 else 8.0), curvttc=3.0, episode=k) for k in range(12)]
-    table = episode_table(RunResult(made), [], CONFIG, driver="ads", pedestrian="learned", reach=reach)
+    table = episode_table(RunResult(made), [], driver="ads", pedestrian="learned", reach=reach)
     assert table["range"].to_list() == 9 * ["within"] + 3 * ["beyond"]
     report = make_report(table, {"learned": Conduct(12)}, CONFIG) | {"exam": EXAM, "failures": [], "criteria": []}
     write_page(tmp_path / "report.html", report, table, {"learned": made}, "view.html")

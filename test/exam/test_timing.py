@@ -95,9 +95,7 @@ def exam(driver: str, *, timing: str = "own", episodes: int = 2) -> Exam:
 def table(driver: str, folder: Path, **given: object):
     chosen = exam(driver, **given)
     runs, timing = timed_runs(chosen, folder, quiet=True)
-    rows = episode_table(
-        runs["walker"], runs[ALONE].episodes, chosen.config, driver="ads", pedestrian="walker", timing=timing
-    )
+    rows = episode_table(runs["walker"], runs[ALONE].episodes, driver="ads", pedestrian="walker", timing=timing)
     return rows, timing
 
 

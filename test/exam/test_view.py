@@ -11,7 +11,7 @@ from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.exam_config import BASELINE, ExamConfig
+from vpsci_ros.exam.exam_config import BASELINE
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.result import RunResult
@@ -31,7 +31,7 @@ def autopilot(exam):
 
 
 def rows(found, driver):
-    return episode_table(RunResult(found), [], ExamConfig(), driver=driver, pedestrian="walker")
+    return episode_table(RunResult(found), [], driver=driver, pedestrian="walker")
 
 
 def sources(table, autopilot, limit=1000):

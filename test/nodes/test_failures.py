@@ -45,7 +45,7 @@ def test_a_node_that_reported_nothing_is_named() -> None:
     [
         ({"episodes_ended": 2}, "2 of 6 episodes ended"),
         ({"vehicle_answers_missing": 113}, "113 answers of vehicle_policy are missing"),
-        ({"safety_answers_missing": 1}, "1 answers of safety_monitor are missing"),
+        ({"safety_answers_missing": 1}, "1 answer of safety_monitor is missing"),
         ({"vehicle_answers_contradicted": 4}, "4 answers differ from the first ones of vehicle_policy to their ticks"),
         ({"safety_answers_early": 2}, "2 answers for safety_monitor came before their tick"),
     ],

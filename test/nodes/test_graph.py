@@ -166,10 +166,10 @@ def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
 
 @forked
 @pytest.mark.parametrize(
-    ("victim", "number", "missing"),
+    ("victim", "number", "episodes", "missing"),
     [
-        ("world_simulator", signal.SIGTERM, r"\b(\d|1[0-5]) of 16 episodes ended"),
-        ("vehicle_policy", signal.SIGSTOP, r"^[2-9][0-9] answers of vehicle_policy are missing: the run has failed"),
+        ("world_simulator", signal.SIGTERM, 8, r"\b(\d|1[0-5]) of 16 episodes ended"),
+        ("vehicle_policy", signal.SIGSTOP, 800, r"^\d\d+ answers of vehicle_policy are missing: the run has failed"),
     ],
 )
 def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
@@ -178,6 +178,7 @@ def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
     weights: str,
     victim: str,
     number: signal.Signals,
+    episodes: int,
     missing: str,
     once_it_records: OnceItRecords,
     monkeypatch: pytest.MonkeyPatch,
@@ -185,7 +186,7 @@ def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
     monkeypatch.setattr("vpsci_ros.nodes.graph.STOP_STEPS", ((signal.SIGINT, 5.0), (signal.SIGKILL, 30.0)))
     once_it_records(lambda nodes: os.kill(nodes.running[victim].pid, number), 10_000)
     # 16 at once, so that the first chunk of the bag is on disk long before the last tick
-    chosen = sections(weights, episodes=8, batch=16, episode_time=5.0, real_time_factor=3.0, action_timeout=0.2)
+    chosen = sections(weights, episodes=episodes, batch=16, episode_time=5.0, real_time_factor=3.0, action_timeout=0.2)
     result = run_graph(fewest(chosen, victim), tmp_path / "run", quiet=True)
     assert re.search(missing, result.error)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error

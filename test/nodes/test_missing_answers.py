@@ -49,6 +49,6 @@ def test_a_missing_answer_is_counted_once_and_the_bag_tells_of_it_where_no_polic
     (tick,) = (tick for tick in read_bag(tmp_path / "bag") if tick.number == SILENT)
     assert np.count_nonzero(tick.state["status"]) == 2, "two episodes run"
     assert not tick.state["controlled"].any()
-    assert incomplete(2, NODES, statuses, None) == ["1 answers of vehicle_policy are missing"]
+    assert incomplete(2, NODES, statuses, None) == ["1 answer of vehicle_policy is missing"]
     verified = verify_bag(tmp_path / "bag")
     assert (verified.difference, verified.uncompared) == ("", ())

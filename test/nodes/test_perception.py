@@ -162,5 +162,5 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
     with class_in_process():
         by_class = run_with(exam, "walker", tmp_path / "class", "", quiet=True)
     assert len(by_class.episodes) == 2
-    tables = [episode_table(each, [], exam.config, driver="ads", pedestrian="walker") for each in (by_node, by_class)]
+    tables = [episode_table(each, [], driver="ads", pedestrian="walker") for each in (by_node, by_class)]
     assert tables[0].equals(tables[1])

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 LEVEL = 0.95
 POWER = 0.8  # probability with which a change that is as large as stated shows
+_Z, _Z_POWER = NormalDist().inv_cdf(0.5 * (1.0 + LEVEL)), NormalDist().inv_cdf(POWER)
 RESAMPLES = 2000
 LEAST_CLIPS = 4  # of three, a resample is one clip alone in 1 of 27 draws, which is an end of a 95% interval
 Floats = NDArray[np.float64]
@@ -69,12 +70,12 @@ def units_of(clips: NDArray[Any], groups: NDArray[np.int64]) -> Units:
     return Units(np.char.add(np.char.add(labels, " "), np.asarray(groups).astype(str)), "groups")
 
 
-def share(hits: int, n: int, level: float = LEVEL) -> Estimate:
+def share(hits: int, n: int) -> Estimate:
     """Return hits / n with its `wilson_interval`; NaN where n is 0."""
-    return Estimate(hits / n, *wilson_interval(hits, n, level), n) if n else NOTHING
+    return Estimate(hits / n, *wilson_interval(hits, n), n) if n else NOTHING
 
 
-def wilson_interval(hits: int, n: int, level: float = LEVEL) -> tuple[float, float]:
+def wilson_interval(hits: int, n: int) -> tuple[float, float]:
     """Return the score interval of a rate of `hits` in `n` trials; (0, 1) where n is 0.
 
     See Wilson, "Probable inference, the law of succession, and statistical inference" (JASA 22, 1927).
@@ -83,11 +84,11 @@ def wilson_interval(hits: int, n: int, level: float = LEVEL) -> tuple[float, flo
         return 0.0, 1.0
     from scipy.stats import binomtest  # takes seconds to import, and the nodes do without
 
-    bounds = binomtest(hits, n).proportion_ci(level, method="wilson")
+    bounds = binomtest(hits, n).proportion_ci(LEVEL, method="wilson")
     return float(bounds.low), float(bounds.high)
 
 
-def share_difference(only_first: int, only_second: int, n: int, level: float = LEVEL) -> Estimate:
+def share_difference(only_first: int, only_second: int, n: int) -> Estimate:
     """Return the difference of two shares of the same n units, (only_first - only_second) / n, with its interval.
 
     Wald's interval for matched pairs after adding 0.5 to each of the four cells; see Agresti and Min, "Simple improved
@@ -98,8 +99,7 @@ def share_difference(only_first: int, only_second: int, n: int, level: float = L
     if n == 0:
         return NOTHING
     b, c, m = only_first + 0.5, only_second + 0.5, n + 2.0
-    z = NormalDist().inv_cdf(0.5 * (1.0 + level))
-    centre, half = (b - c) / m, z * math.sqrt(b + c - (b - c) ** 2 / m) / m
+    centre, half = (b - c) / m, _Z * math.sqrt(b + c - (b - c) ** 2 / m) / m
     return Estimate((only_first - only_second) / n, max(-1.0, centre - half), min(1.0, centre + half), n)
 
 
@@ -116,7 +116,7 @@ def mcnemar(only_first: int, only_second: int) -> float:
     return float(binomtest(only_first, n).pvalue) if n else 1.0
 
 
-def units_for_difference(difference: float, discordant: float, level: float = LEVEL, power: float = POWER) -> int:
+def units_for_difference(difference: float, discordant: float) -> int:
     """Return the number of units for which a difference of two shares of them shows with this power.
 
     With the discordant share psi of the n units, McNemar's statistic (b - c) / n has the variance psi / n without a
@@ -127,41 +127,33 @@ def units_for_difference(difference: float, discordant: float, level: float = LE
     :param difference: d, above 0, at most 1.
     :param discordant: psi, the share of units with one of the two events only; at least d, which it is raised to.
     """
-    z, z_power = _quantiles(level, power)
     discordant = max(discordant, difference)
-    root = z * math.sqrt(discordant) + z_power * math.sqrt(discordant - difference**2)
+    root = _Z * math.sqrt(discordant) + _Z_POWER * math.sqrt(discordant - difference**2)
     return math.ceil((root / difference) ** 2)
 
 
-def detectable_difference(n: int, discordant: float, level: float = LEVEL, power: float = POWER) -> float:
+def detectable_difference(n: int, discordant: float) -> float:
     """Return the least difference of two shares of n units that shows with this power; NaN where none does.
 
     The inverse of `units_for_difference`, whose parameters it has.
     """
-    z, z_power = _quantiles(level, power)
-    if n <= z**2:
+    if n <= _Z**2:
         return math.nan
     # all discordant units in one direction, psi = d: n d^2 = d (z + z_power sqrt(1 - d))^2, quadratic in sqrt(1 - d)
-    same = (math.sqrt((z * z_power) ** 2 + (n + z_power**2) * (n - z**2)) - z * z_power) / (n + z_power**2)
+    same = (math.sqrt((_Z * _Z_POWER) ** 2 + (n + _Z_POWER**2) * (n - _Z**2)) - _Z * _Z_POWER) / (n + _Z_POWER**2)
     least = 1.0 - same**2
     if least >= discordant:
         return least
-    wide = z * math.sqrt(n) + z_power * math.sqrt(n + z_power**2 - z**2)  # the larger root of the same equation
-    return math.sqrt(discordant) * wide / (n + z_power**2)
+    wide = _Z * math.sqrt(n) + _Z_POWER * math.sqrt(n + _Z_POWER**2 - _Z**2)  # the larger root of the same equation
+    return math.sqrt(discordant) * wide / (n + _Z_POWER**2)
 
 
-def detectable_by_interval(found: Estimate, level: float = LEVEL, power: float = POWER) -> float:
+def detectable_by_interval(found: Estimate) -> float:
     """Return the least difference that shows with this power, for an estimate whose interval is about normal."""
-    z, z_power = _quantiles(level, power)
-    return 0.5 * (found.high - found.low) * (z + z_power) / z
+    return 0.5 * (found.high - found.low) * (_Z + _Z_POWER) / _Z
 
 
-def _quantiles(level: float, power: float) -> tuple[float, float]:
-    normal = NormalDist()
-    return normal.inv_cdf(0.5 * (1.0 + level)), normal.inv_cdf(power)
-
-
-def resampled(values: Floats, statistic: Statistic, seed: int = 0, level: float = LEVEL) -> Estimate:
+def resampled(values: Floats, statistic: Statistic, seed: int = 0) -> Estimate:
     """Return a statistic of float64[n] with its percentile bootstrap interval.
 
     :param statistic: of float64[..., n] over the last axis.
@@ -169,18 +161,16 @@ def resampled(values: Floats, statistic: Statistic, seed: int = 0, level: float 
     if len(values) == 0:
         return NOTHING
     draws = statistic(values[np.stack(list(resamples(len(values), seed)))])
-    return Estimate(float(statistic(values)), *interval(draws, level), len(values))
+    return Estimate(float(statistic(values)), *interval(draws), len(values))
 
 
-def resampled_difference(
-    first: Floats, second: Floats, statistic: Statistic, seed: int = 0, level: float = LEVEL
-) -> Estimate:
+def resampled_difference(first: Floats, second: Floats, statistic: Statistic, seed: int = 0) -> Estimate:
     """Return statistic(first) - statistic(second) with its interval; both are float64[n], resampled as pairs."""
     if len(first) == 0:
         return NOTHING
     rows = np.stack(list(resamples(len(first), seed)))
     value = float(statistic(first) - statistic(second))
-    return Estimate(value, *interval(statistic(first[rows]) - statistic(second[rows]), level), len(first))
+    return Estimate(value, *interval(statistic(first[rows]) - statistic(second[rows])), len(first))
 
 
 def mean(values: Floats) -> Floats:
@@ -210,7 +200,7 @@ def cluster_counts(clusters: NDArray[Any], seed: int, count: int = RESAMPLES) ->
     return drawn[:, owner].astype(np.float64)
 
 
-def interval(draws: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
+def interval(draws: ArrayLike) -> tuple[float, float]:
     """Return the percentile interval of a statistic's values in resamples; NaN if none is finite.
 
     :param draws: float64[count]; resamples in which the statistic is not finite do not count.
@@ -218,5 +208,5 @@ def interval(draws: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
     values = np.asarray(draws, np.float64)
     if not (finite := values[np.isfinite(values)]).size:
         return math.nan, math.nan
-    low, high = np.quantile(finite, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    low, high = np.quantile(finite, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)])
     return float(low), float(high)

@@ -125,7 +125,6 @@ def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult], timing: Timing
         episode_table(
             runs[name],
             alone,
-            exam.config,
             driver=driver,
             pedestrian=name,
             reach=exam.reach(name),

@@ -61,7 +61,7 @@ def make_report(
         "range": _range(learned),
         "perception": None if perception is None else asdict(perception),
         "conduct": {name: _conduct(rows_of(table, ADS, name), run) for name, run in conduct.items()},
-        "definitions": definitions(config),
+        "definitions": definitions(),
         "failure": config.failure,
     }
 
@@ -90,8 +90,8 @@ def _range(learned: pl.DataFrame) -> dict[str, int] | None:
     return {"beyond": known.filter(pl.col("range") == "beyond").height, "of": known.height} if known.height else None
 
 
-def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
-    """Return title, unit and definition of each measure, with the thresholds of `config`."""
+def definitions() -> dict[str, dict[str, str]]:
+    """Return title, unit and definition of each measure, with its thresholds."""
     limits = {"conflict": CONFLICT_TTC, "severe": SEVERE_TTC, "hard_braking": HARD_BRAKING}
     return {
         name: {"title": row.title, "unit": row.unit, "definition": row.definition.format(**limits)}

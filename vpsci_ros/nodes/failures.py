@@ -7,6 +7,7 @@ At its end: `incomplete`. An empty text or list means that nothing failed.
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from vpsci_ros.documents import counted
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.node_config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
@@ -158,7 +159,7 @@ def incomplete(
     for node, sender in RESPONDENTS.items():
         missing, _, contradicted, early = world.faults(sender).values()
         if node in nodes and missing:
-            found.append(f"{missing} answers of {node} are missing")
+            found.append(f"{counted(missing, 'answer')} of {node} {'is' if missing == 1 else 'are'} missing")
         if contradicted:
             found.append(f"{contradicted} answers differ from the first ones of {node} to their ticks")
         if early:

@@ -65,7 +65,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     values: dict[str, Any] = {
         "why": why,
         "ads": stored["ads"],
-        "failure": definitions(exam.config)[f"{why['failure']}_rate"]["title"],
+        "failure": definitions()[f"{why['failure']}_rate"]["title"],
         "titles": {name: title_of(name) for name in names},
         "view": "view.html",
         "why_reasons": why_reasons,

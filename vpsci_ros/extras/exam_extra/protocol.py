@@ -146,7 +146,7 @@ def conduct_protocol(exam: Exam, folder: Path, *, workers: Site, quiet: bool) ->
     found = {ADS: run_with_all(tests, folder, [EURO_NCAP], workers=workers, quiet=quiet, what="protocol: ")[EURO_NCAP]}
     if exam.config.baseline:
         found[BASELINE] = _autopilot(tests, folder)
-    tables = [episode_table(run, [], exam.config, driver=name, pedestrian=EURO_NCAP) for name, run in found.items()]
+    tables = [episode_table(run, [], driver=name, pedestrian=EURO_NCAP) for name, run in found.items()]
     view = ""
     if found[ADS].episodes:
         view = "view.html"

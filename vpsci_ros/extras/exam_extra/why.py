@@ -265,7 +265,7 @@ class _Again:
             return next((unit for unit in waiting if self._budget.open), None)
 
         for (factor, changed), result in computed(self._pool, following, ahead=False):
-            rows = episode_table(result, [], self._exam.config, driver=ADS, pedestrian=self.pedestrian)
+            rows = episode_table(result, [], driver=ADS, pedestrian=self.pedestrian)
             failed = dict(zip(rows.select("scenario", "episode").iter_rows(),
                               rows[self._exam.config.failure], strict=True))  # fmt: skip
             amounts = dict(changed)

@@ -84,7 +84,7 @@ def run_search(
         run = run_with_all(exam.only(keys), where, [pedestrian], workers=workers, quiet=quiet, what=what)[pedestrian]
         if run.conduct.failure:
             raise _Failed(run.conduct.failure)
-        table = episode_table(run, [], exam.config, driver=ADS, pedestrian=search.pedestrian)
+        table = episode_table(run, [], driver=ADS, pedestrian=search.pedestrian)
         tables[name] = table
         failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[failure], strict=True))
         seen, done = lessons(run.episodes, exam.world.pedestrians)
