@@ -1,11 +1,13 @@
 """Files appear whole or not at all, and outputs never mix with what is already there."""
 
 import os
+import resource
 import socket
+from pathlib import Path
 
 import pytest
 
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, in_words
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, sha256, write_text
 
 
@@ -63,3 +65,15 @@ def test_a_folder_that_holds_anything_is_refused(tmp_path) -> None:
     with pytest.raises(InvalidInput, match="found a file"):
         require_empty_folder(tmp_path / "x")
     assert require_empty_folder(tmp_path / "new" / "deep").is_dir()
+
+
+def test_an_error_of_the_disk_names_the_file_that_could_not_be_written(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            write_text(tmp_path / "run.json", "x" * 100)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert in_words(caught.value).startswith(f"{tmp_path / 'run.json'}: File too large")
+    assert list(tmp_path.iterdir()) == []
