@@ -1,6 +1,7 @@
 """Near-miss tables, datasets, bags and exams are read into the same episodes, any of them without the rest."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,7 @@ def test_episodes_of_an_exams_further_parts_are_named_by_pedestrian_too(exam: Pa
     (exam / "runs" / "learned" / "2").mkdir()
     write_episodes(exam / "runs" / "learned" / "1" / FRAMES, whole[:1])
     write_episodes(exam / "runs" / "learned" / "2" / FRAMES, whole[1:])
+    shutil.copytree(exam / "runs" / "learned" / "2", exam / "runs" / "learned" / "2 (copy)")
     names = [one.name for one in read_episodes(exam)]
     assert names == [f"{run}/{name}" for run in ("learned", "walker") for name in ("1:0", "6:4", "1:2")]
 

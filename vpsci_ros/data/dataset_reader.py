@@ -232,7 +232,7 @@ FRAMES = "frames.parquet"  # of a run of an exam
 
 def exam_runs(folder: Path) -> list[tuple[str, Path]]:
     """Return pedestrian and file of each run in an exam's folder, by name and part."""
-    paths = folder.glob(f"runs/*/*/{FRAMES}")
+    paths = (path for path in folder.glob(f"runs/*/*/{FRAMES}") if path.parts[-2].isdecimal())  # no copy of one
     ordered = sorted(paths, key=lambda path: (path.parts[-3], int(path.parts[-2])))
     return [(path.parts[-3], path) for path in ordered]
 
