@@ -25,6 +25,7 @@ import polars as pl
 
 from vpsci_ros.cli.options import read_sections, site_of
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
+from vpsci_ros.learning import closed_loop
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.online import LOG, refine, validation_rates
 from vpsci_ros.learning.training_config import RefineConfig
@@ -66,9 +67,11 @@ ARMS = {
     "base": Arm(),
     "ddpg": _learner(objective="ddpg"),
     **{f"policy_gradient_{weight:g}": _rolled(policy_gradient=weight) for weight in (0.1, 1.0)},
+    # A level of 100 m makes the price of nearness linear; 0.06 of it is what 6 is without.
+    "linear_price": Arm(_rolled(contact=0.06).changed, patch=lambda: mock.patch.object(closed_loop, "LEVEL", 100.0)),
     "no_hand_back": _rolled(beyond=0),
     "no_imitation": _rolled(weight=0.2, most_weight=0.2),
-    **{f"limit_{limit:g}": _rolled(limit=limit) for limit in (0.24, 0.3)},
+    **{f"limit_{limit:g}": _rolled(limit=limit) for limit in (0.25, 0.3)},
     **{f"steps_{steps}": _rolled(steps=steps) for steps in (25, 60)},
     "late_0": _rolled(late=0.0),
     "lane_0": _rolled(lane=0.0),

@@ -4,8 +4,8 @@
     tools/make_weights.py [-o out/weights] [--seed 4] [--install]
 
 A run that is stopped goes on with the same command. `--seed` is that of stage 1, and of learner, world and policies in
-stage 2; the default is that of the shipped weights. `--install` puts the weights that were best in the validation world
-of stage 2 (`vpsci_ros.learning.online`) beside the package's others. Some ten minutes of one core.
+stage 2; the default is that of the shipped weights. `--install` puts the last weights of stage 2 into the package. Some
+ten minutes of one core.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def main() -> int:
         start = f"learner.weights={pretrained / 'pretrained.safetensors'}"
         learn("refine", "stage2_online", refined, [start, *second])
         if given.install:
-            print(f"installed: {shutil.copy(refined / 'best.safetensors', SHIPPED)}")
+            print(f"installed: {shutil.copy(refined / 'refined.safetensors', SHIPPED)}")
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

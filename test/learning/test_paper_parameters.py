@@ -78,6 +78,6 @@ def test_the_papers_policies_explore_by_the_numbers_of_equation_16(agent):
     assert config.explore
 
 
-def test_the_papers_second_stage_simulates_three_thousand_episodes():
+def test_the_second_stage_simulates_no_fewer_than_the_papers_three_thousand_episodes():
     run = load(params_dir() / "stage2_online.yaml").get(RunConfig, "world_simulator")
-    assert len(run.scenarios) * run.episodes == 3000
+    assert len(run.scenarios) * run.episodes >= 3000

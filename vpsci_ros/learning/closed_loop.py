@@ -50,6 +50,7 @@ Actions = dict[str, Tensor]
 _HALF = torch.tensor([0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH])
 _MIRRORED = torch.tensor([1.0, -1.0])
 _MIRRORED_MOTION = torch.tensor([1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # a row of `Interactions.motion`
+LEVEL = 0.3  # [m] of clearance lacking, above which its price grows with its square
 _SMALL = 0.05  # [m] below which the error of a position grows with its square
 _STRIDE = 2.0  # [m/s2] with which a walker goes on
 
@@ -293,7 +294,7 @@ def clearance(scene: Scene) -> Tensor:
 class Wrong(NamedTuple):
     """What is wrong with B roll-outs, without unit, [B] each.
 
-    :ivar near: how far the least clearance is below the margin [m].
+    :ivar near: d (d + `LEVEL`), where the least clearance is d below the margin [m].
     :ivar off: how far the vehicle is beyond half a metre from the middle of its lane, where it keeps the lane itself;
         mean over the steps [m].
     :ivar late: shares of their speeds that both agents lack at the end, along the lane and the walker's route.
@@ -313,13 +314,14 @@ def wrong(start: Start, scenes: Sequence[Scene], actions: Sequence[Actions], con
     near = torch.stack(gaps).amin(dim=0)
     own = scenes[: config.steps]
     beside = torch.stack([torch.relu(start.lane.project(scene.vehicle)[1].abs() - 0.5) for scene in own]).mean(dim=0)
+    lack = torch.relu(config.margin - near)
     squares = [sum(((one[agent] ** 2).sum(dim=1) for agent in AGENTS), torch.zeros(())) for one in actions]
     last, lane = scenes[config.steps - 1], start.lane.project(scenes[config.steps - 1].vehicle)[2]
     drives = (last.vehicle_velocity * lane).sum(dim=1) / start.scene.vehicle_velocity.norm(dim=1).clamp(min=2.0)
     paces = start.scene.pedestrian_velocity.norm(dim=1).clamp(min=0.5, max=2.0)
     walks = (last.pedestrian_velocity * start.way).sum(dim=1) / paces
     return Wrong(
-        torch.relu(config.margin - near),
+        lack * (lack + LEVEL),
         beside * ~start.keeps_lane,
         torch.relu(1.0 - drives) + torch.relu(1.0 - walks),
         torch.stack(squares[: config.steps]).mean(dim=0),

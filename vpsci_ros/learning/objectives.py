@@ -116,7 +116,7 @@ class Imitation:
 
 def slower(iteration: int) -> float:
     """Return the share of its step size that an update has."""
-    return 1.0 / (1.0 + iteration / 300.0)
+    return 1.0 / (1.0 + iteration / 500.0)
 
 
 class DualWeight:
@@ -150,7 +150,7 @@ class Constrained:
     near a contact; and recorded steps, whose error is limited by a `DualWeight`.
     """
 
-    HAND_OVERS, RARELY = 0.3, 0.1
+    HAND_OVERS, RARELY = 0.5, 0.1
 
     def __init__(self, training: Training, config: ClosedLoopConfig) -> None:
         self._training, self._config = training, config

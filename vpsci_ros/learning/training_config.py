@@ -53,7 +53,7 @@ class UpdatesConfig:
 
     actor_learning_rate: float = parameter(
         5e-4,
-        "step size of the actors; with closed_loop it is halved after 300 updates, a third after 600",
+        "step size of the actors; with closed_loop it is halved after 500 updates, a third after 1,000",
         low=0.0,
         high=1.0,
     )
@@ -102,17 +102,17 @@ class ClosedLoopConfig:
     place_noise: float = constant(0.075, "of the pedestrian's place", unit="m", low=0.0, high=2.0)
     acceleration_noise: float = constant(0.05, "of the accelerations before", unit="m/s2", low=0.0, high=2.0)
     limit: float = constant(
-        0.265, "closed-loop error on training near misses up to which stage 2 may go", unit="m", low=0.0, high=10.0
+        0.275, "closed-loop error on training near misses up to which stage 2 may go", unit="m", low=0.0, high=10.0
     )
     weight: float = constant(8.0, "weight of that error at the start of stage 2", unit="1/m", low=0.0, high=100.0)
-    most_weight: float = constant(20.0, "its greatest weight", unit="1/m", low=0.0, high=1e4)
+    most_weight: float = constant(60.0, "its greatest weight", unit="1/m", low=0.0, high=1e4)
     margin: float = constant(0.7, "least clearance that costs nothing", unit="m", low=0.0, high=10.0)
     margin_beyond: float = constant(0.2, "the same in the steps beyond", unit="m", low=0.0, high=10.0)
-    contact: float = constant(2.0, "price of clearance below the margin", unit="1/m", low=0.0, high=1e3)
+    contact: float = constant(6.0, "price of clearance below the margin", unit="1/m2", low=0.0, high=1e3)
     lane: float = constant(
-        3.0, "price of the way beyond half a metre from the lane's middle", unit="1/m", low=0, high=1e3
+        4.0, "price of the way beyond half a metre from the lane's middle", unit="1/m", low=0, high=1e3
     )
-    late: float = constant(0.3, "price of the share of its speed that an agent lacks at the end", low=0.0, high=1e3)
+    late: float = constant(0.8, "price of the share of its speed that an agent lacks at the end", low=0.0, high=1e3)
     effort: float = constant(0.003, "price of squared accelerations", unit="s4/m2", low=0.0, high=1e3)
     policy_gradient: float = constant(
         0.0, "weight of the critics' policy gradient, divided by the mean |Q|, beside all this", low=0.0, high=1e3
