@@ -15,7 +15,7 @@ from vpsci_ros.cli.main import graph
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.simulators import beyond_range, known_late
-from vpsci_ros.extras.drive.commands import drive
+from vpsci_ros.extras.drive.drive_command import drive
 from vpsci_ros.extras.paper.realism.measure_realism import run_realism
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import load_policy

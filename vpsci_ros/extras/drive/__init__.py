@@ -8,5 +8,5 @@ In reading order:
 * `drive_page`: the page of `vpsci drive`: its HTML, the data of a tick that it shows
 * `watch`: a running graph, shown live in the page: the states of `/world/state` at a rate for human viewers
 * `foxglove_view`: a running graph in Foxglove: its serialized messages, sent by the WebSocket server of Foxglove's SDK
-* `commands`: the command `vpsci drive`: a person drives, or watches a running graph, in a browser
+* `drive_command`: the command `vpsci drive`: a person drives, or watches a running graph, in a browser
 """

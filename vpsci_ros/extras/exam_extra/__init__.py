@@ -2,7 +2,7 @@
 
 In reading order:
 
-* `commands`: the commands `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`
+* `ads_commands`: the commands `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`
 * `why`: the least change that avoids a failure, found by repeating the episode with one change at a time
 * `factors`: the factors that can be changed when a failed episode is repeated, and their ranges
 * `explain`: explanation of an exam's failures: repeated runs in EXAM/why, a report, and a page that plays them

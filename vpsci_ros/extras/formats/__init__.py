@@ -16,5 +16,5 @@ In reading order:
 * `minari`: episodes as Minari datasets, one for each agent: observations, actions, rewards every 0.1 s (section 4.7)
 * `mp4`: episodes as videos from above (H.264 in MP4, like the paper's 144 example videos), encoded by PyAV
 * `track_tables`: recordings published as tables of tracks: levelXData, INTERACTION, SinD, Argoverse 2 and TGSIM
-* `commands`: the command `vpsci export`
+* `export_command`: the command `vpsci export`
 """

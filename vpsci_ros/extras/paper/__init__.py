@@ -2,7 +2,7 @@
 
 In reading order:
 
-* `commands`: the commands `vpsci study`, `vpsci turing` and `vpsci published`
+* `study_commands`: the commands `vpsci study`, `vpsci turing` and `vpsci published`
 * `published`: values published in the paper: Tables 3, 5, 9 and 11
 * `published_dataset`: importers of the data that the paper's authors publish
 * `published_tables`: the authors' dataset as they publish it: CSV files named as in Table 6

@@ -15,5 +15,5 @@ In reading order:
 * `likelihood`: the likelihood of the recorded motion under a simulator's roll-outs (Waymo Open Sim Agents Challenge)
 * `long_run`: statistics of whole episodes after the onset: repeated critical phases, stops, new starts and extremes
 * `text`: the measures of realism as text: two tables of Protocol A (same start)
-* `commands`: `vpsci realism`: likeness of the agents to recorded people, beside naive controls
+* `realism_command`: `vpsci realism`: likeness of the agents to recorded people, beside naive controls
 """

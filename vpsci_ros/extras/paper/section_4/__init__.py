@@ -11,5 +11,5 @@ In reading order:
 * `snapshots`: sequential snapshots in the manner of the paper's Figure 5: a row an episode
 * `typical_episodes`: the episodes of a picture: one of each scenario
 * `safety_compare`: `vpsci safety compare`: how often each safety measure detects the others' conflicts
-* `commands`: the commands of section 4: `vpsci report` and `vpsci safety`
+* `report_commands`: the commands of section 4: `vpsci report` and `vpsci safety`
 """
