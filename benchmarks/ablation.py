@@ -33,7 +33,7 @@ from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.runs.workers import Place, computed
+from vpsci_ros.runs.workers import Place, Work, computed
 
 PARAMS = Path("stage2_online")  # of the package, wherever it is installed
 SEEDED = ("learner", "world_simulator", "vehicle_policy", "pedestrian_policy")
@@ -131,7 +131,8 @@ def main() -> None:
     todo = [arm for arm in arms if not (given.output / "{}_{}".format(*arm) / "done").exists()]
     if todo:
         waiting, most = iter(todo), len(todo)
-        workers = site.start(partial(learner, stage_1), given.output, most=most, reads=lambda: [stage_1])
+        work = Work(partial(learner, stage_1), given.output, most=most, reads=lambda: [stage_1])
+        workers = site.start(work)
         with closing(workers):
             for number, (arm, _) in enumerate(computed(workers, lambda: next(waiting, None), ahead=False), 1):
                 print(f"learned {arm}, {number} of {most} {site.hosts()}", file=sys.stderr, flush=True)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from vpsci_ros.runs.cluster import DaskCluster
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.workers import Place, computed
+from vpsci_ros.runs.workers import Place, Work, computed
 
 TICKS = os.sysconf("SC_CLK_TCK")
 VPSCI = [sys.executable, "-m", "vpsci_ros.cli"]
@@ -93,7 +93,7 @@ def _bytes(size: int, number: int) -> bytes:
 
 def units(file: Path, folder: Path, size: int, count: int) -> float:
     """Return the time [s] of each of `count` units that return `size` bytes and compute nothing."""
-    with closing(DaskCluster(str(file)).start(partial(bytes_of, size), folder)) as workers:
+    with closing(DaskCluster(str(file)).start(Work(partial(bytes_of, size), folder))) as workers:
         waiting, begun = iter(range(count)), time.monotonic()
         for number, found in computed(workers, lambda: next(waiting, None)):
             assert found == _bytes(size, number)

@@ -61,7 +61,7 @@ def of_speed(speeds: list[float], conflict: list[bool], groups: list[str] | None
     return encounters(least, groups=groups).with_columns(vehicle_speed=pl.Series(speeds))
 
 
-CONFLICTS_BY_VEHICLE = QUESTIONS[0].name  # below 1, 2, 3, 4 m/s, above
+CONFLICTS_BY_VEHICLE = QUESTIONS[0].name
 
 
 def test_a_share_by_speed_counts_the_interactions_of_its_bin_and_says_nothing_of_a_few():

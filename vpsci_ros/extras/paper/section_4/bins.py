@@ -29,9 +29,9 @@ def _along(column: str, *bounds: float) -> tuple[pl.Expr, ...]:
 
 
 _DISTANCE, _WALKING, _DRIVING = pl.col("distance"), pl.col("pedestrian_speed"), pl.col("vehicle_speed")
-_DRIVES = "vehicle's speed below 1, 2, 3, 4 m/s, above"
-_WALKS = "walking speed below 0.5, 1, 1.5 m/s, above"
-_APART = "distance below 5, 9, 13 m, above"
+_DRIVES = "vehicle < 1, 1-2, 2-3, 3-4, >= 4 m/s"
+_WALKS = "walking < 0.5, 0.5-1, 1-1.5, >= 1.5 m/s"
+_APART = "distance < 5, 5-9, 9-13, >= 13 m"
 _BY_DRIVING = _along("vehicle_speed", 1.0, 2.0, 3.0, 4.0)
 _BY_WALKING = _along("pedestrian_speed", 0.5, 1.0, 1.5)
 _BY_DISTANCE = _along("distance", 5.0, 9.0, 13.0)
@@ -39,45 +39,40 @@ _BY_DISTANCE = _along("distance", 5.0, 9.0, 13.0)
 QUESTIONS = (
     Question(f"conflicts: {_DRIVES}", "conflict", _BY_DRIVING, "rise"),
     Question(f"conflicts: {_WALKS}", "conflict", _BY_WALKING, "rise"),
-    Question("conflicts: either speed below 1 m/s", "conflict", ((_DRIVING < 1.0) | (_WALKING < 1.0),), "below 40"),
-    Question(
-        "conflicts: both speeds from 3 m/s on",
-        "conflict",
-        ((_DRIVING >= 3.0) & (_WALKING >= 3.0),),
-        "above 80",
-    ),
+    Question("conflicts: either speed < 1 m/s", "conflict", ((_DRIVING < 1.0) | (_WALKING < 1.0),), "< 40"),
+    Question("conflicts: both speeds >= 3 m/s", "conflict", ((_DRIVING >= 3.0) & (_WALKING >= 3.0),), "> 80"),
     Question(f"pedestrian yields: {_APART}", "pedestrian_yields", _BY_DISTANCE, "falls"),
     Question(f"pedestrian yields: {_WALKS}", "pedestrian_yields", _BY_WALKING, "falls"),
     Question(
-        "pedestrian yields: its acceleration below -0.5, 0.5 m/s2, above",
+        "pedestrian yields: its acceleration < -0.5, -0.5 to 0.5, >= 0.5 m/s2",
         "pedestrian_yields",
         _along("pedestrian_acceleration", -0.5, 0.5),
         "falls",
     ),
     Question(f"pedestrian yields: {_DRIVES}", "pedestrian_yields", _BY_DRIVING, "rises"),
     Question(
-        "pedestrian yields: within 5 m, walking below 0.5 m/s",
+        "pedestrian yields: distance < 5 m, walking < 0.5 m/s",
         "pedestrian_yields",
         ((_DISTANCE < 5.0) & (_WALKING < 0.5),),
-        "above 80",
+        "> 80",
     ),
     Question(
-        "pedestrian yields: within 5 m, vehicle above 2.5 m/s",
+        "pedestrian yields: distance < 5 m, vehicle > 2.5 m/s",
         "pedestrian_yields",
         ((_DISTANCE < 5.0) & (_DRIVING > 2.5),),
-        "above 60",
+        "> 60",
     ),
     Question(
-        "pedestrian yields: within 5 m, vehicle slows down, speeds up",
+        "pedestrian yields: distance < 5 m, vehicle slows down, speeds up",
         "pedestrian_yields",
         tuple((_DISTANCE < 5.0) & bin_ for bin_ in _along("vehicle_acceleration", 0.0)),
         "rises",
     ),
     Question(
-        "pedestrian yields: beyond 13 m, walking above 1.5 m/s",
+        "pedestrian yields: distance > 13 m, walking > 1.5 m/s",
         "pedestrian_yields",
         ((_DISTANCE > 13.0) & (_WALKING > 1.5),),
-        "below 20",
+        "< 20",
     ),
     Question(f"vehicle yields: {_APART}", "vehicle_yields", _BY_DISTANCE, ""),
     Question(f"vehicle yields: {_WALKS}", "vehicle_yields", _BY_WALKING, ""),
