@@ -61,7 +61,7 @@ def outcomes(weights, world):
 def test_in_the_papers_scenes_it_collides_less_than_the_papers_and_reaches_more_goals_on_the_road(weights):
     learned, control = outcomes(weights, PAPER)
     assert learned["critical_episodes"] == control["critical_episodes"] > 100
-    assert learned["collision_rate"] < 0.083 < 0.6 < control["collision_low"]
+    assert learned["collision_rate"] < 0.04 < 0.6 < control["collision_low"]  # 0.8 to 1.4% on the page
     assert learned["goal_low"] > 0.812 > control["goal_high"]
 
 
