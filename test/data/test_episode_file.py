@@ -1,6 +1,5 @@
 """Simulated episodes as one Parquet file."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.dataset_reader import EpisodeFile
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.episode_block import ended_episodes
+from vpsci_ros.data.episode_block import concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
@@ -19,18 +18,16 @@ from vpsci_ros.world.loop import Loop
 
 def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: Path) -> None:
     scenarios = load_scenarios([1, 104], [])
-    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=2.0)
+    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=2.0, pedestrians=2)
     steps = Loop(World(config, scenarios, [(1, 0), (104, 0)], 2, 1))
-    episodes = list(ended_episodes(steps, config.tick, scenarios, source="a loop"))
+    block = concat_blocks(list(ended_blocks(steps, scenarios)))
+    episodes = list(block.episodes(config.tick, scenarios, "a loop"))
     assert [episode.name for episode in episodes] == ["1:0", "104:0"], "of one number, in different scenarios"
-    people = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled", "seen")
-    two = {name: np.vstack([getattr(episodes[0], name), 1.0 + getattr(episodes[0], name)]) for name in people}
-    two["controlled"], two["seen"] = two["controlled"] > 1.0, two["seen"] < 2.0
-    episodes[0] = dataclasses.replace(episodes[0], **two)
+    assert [episode.pedestrians for episode in episodes] == [2, 2]
     path = tmp_path / "frames.parquet"
-    write_episodes(path, episodes)
+    write_episodes(path, block, config.tick, scenarios)
     for one, other in zip(episodes, EpisodeFile(path).read(), strict=True):
-        assert (one.listed, one.period) == (other.listed, other.period)
+        assert (one.listed, one.period, one.kinds) == (other.listed, other.period, other.kinds)
         assert one.scenario is not None
         assert other.scenario is not None
         assert one.scenario.document == other.scenario.document
@@ -48,5 +45,5 @@ def test_episodes_are_read_to_the_bit_and_what_is_damaged_is_refused(tmp_path: P
         path.write_bytes(damaged)
         with pytest.raises(InvalidInput, match=r"frames.parquet: .*not readable"):
             list(EpisodeFile(path).read())
-    write_episodes(path, [])
+    write_episodes(path, block.without(block.keys), config.tick, scenarios)
     assert list(EpisodeFile(path).read()) == []

@@ -13,8 +13,8 @@ from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.in_graph import result_of_bag, unanswered_in
-from vpsci_ros.exam.result import Conduct, read_result
+from vpsci_ros.exam.in_graph import block_of_bag, unanswered_in
+from vpsci_ros.exam.result import Conduct, read_result, run_folder
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
@@ -74,7 +74,7 @@ def test_an_exam_whose_ads_leaves_ticks_unanswered_ends_and_says_for_how_many(en
 
 def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:
     with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
-        result_of_bag(Bag(own_bag), exam)
+        block_of_bag(Bag(own_bag), exam)
 
 
 def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
@@ -84,7 +84,8 @@ def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
     exam = prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world), "sleep 100")
     recording, ends = Bag(own_bag), iter(["", "the ADS ended"])
     recording.topics()
-    shutil.copytree(own_bag, tmp_path / "bag")
+    run = run_folder(tmp_path, "walker", 0)
+    shutil.copytree(own_bag, run / "bag")
 
     def graph(_: Any, folder: Path, **__: Any) -> GraphResult:
         return GraphResult(folder, next(ends), nodes={"world_simulator": BEGINS}, recording=recording)
@@ -95,11 +96,13 @@ def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
     monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
     with monkeypatch.context() as patch:
         patch.setattr("vpsci_ros.bags.mcap_file._checksum", no_checksum)
-        whole = in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True)
+        in_graph.run_in_graph(exam, "walker", run, tmp_path / "log", quiet=True)
+    whole = read_result(tmp_path, "walker")
     assert [episode.name for episode in whole.episodes] == ["1:0", "1:2", "6:4"]
-    assert read_result(tmp_path / FRAMES).conduct == whole.conduct == Conduct(3)
+    assert whole.conduct == Conduct(3)
     monkeypatch.setattr(recording, "files", [])  # not to be read
-    failed = in_graph.run_in_graph(exam, "walker", tmp_path, tmp_path / "log", quiet=True)
+    in_graph.run_in_graph(exam, "walker", run, tmp_path / "log", quiet=True)
+    failed = read_result(tmp_path, "walker")
     assert [episode.listed for episode in failed.episodes] == [episode.listed for episode in whole.episodes]
     assert failed.conduct.failure == "walker, does not react: the ADS ended"
 

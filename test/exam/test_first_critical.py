@@ -7,13 +7,14 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
+from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.exam_config import ExamConfig
-from vpsci_ros.exam.in_graph import result_of_bag
+from vpsci_ros.exam.in_graph import block_of_bag
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
-from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, first_critical, result_of_ticks
+from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, first_critical
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
@@ -28,7 +29,7 @@ def run(scenario: int = 104, **config: object):
     chosen = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", **config)
     scenarios = load_scenarios([scenario])
     world = World(chosen, scenarios, [(scenario, e) for e in range(EPISODES)], EPISODES, 3)
-    return result_of_ticks(Loop(world), chosen.tick, scenarios, "")
+    return RunResult(list(ended_episodes(Loop(world), chosen.tick, scenarios)))
 
 
 def found_in(result: RunResult) -> dict[tuple[int, int], FirstCritical]:
@@ -50,7 +51,8 @@ def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(
     exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
     config = exam.with_pedestrian("walker", "autopilot")
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
-    read = result_of_bag(Bag(tmp_path / "bag"), exam)
+    block = block_of_bag(Bag(tmp_path / "bag"), exam)
+    read = RunResult(list(block.episodes(config.tick, exam.scenarios)))
     expected = autopilot_run(exam, "walker")
     found = found_in(read)
     assert found == found_in(expected)

@@ -20,6 +20,7 @@ from vpsci_ros.exam import in_process
 from vpsci_ros.exam.conduct import is_done, run_with
 from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.result import read_result
 from vpsci_ros.exam.view import read_exam
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.workers import ThisMachine
@@ -57,9 +58,10 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     whole = list(EpisodeFile(driven / "runs" / "walker" / "1" / FRAMES).read())
     assert [episode.name for episode in whole] == ["1:0", "1:1", "104:0", "104:1"]
     assert not list(driven.rglob("*.mcap"))
-    alone = run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True).episodes
+    run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True)
     monkeypatch.setattr(in_process, "SIDE_BY_SIDE", 3)
-    three = run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True).episodes
+    run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True)
+    alone, three = (read_result(tmp_path / name, "walker").episodes for name in ("alone", "three"))
     bag = tmp_path / "alone" / "runs" / "walker" / "1" / "bag"
     recorded = sorted(read_bag_episodes(bag), key=lambda episode: episode.key)
     for other in (alone, three, recorded):

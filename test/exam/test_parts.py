@@ -85,7 +85,7 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
     monkeypatch.setattr("vpsci_ros.runs.workers.Processes", lambda job, _: Backwards(job))
     monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 3)
     monkeypatch.setattr(conduct, "run_with", driven)
-    monkeypatch.setattr(conduct, "read_result", lambda path: results[f"{path.parent.parent.name}-{path.parent.name}"])
+    monkeypatch.setattr(conduct, "read_result", lambda _, name, part: results[label_of(name, part)])
     site = ThisMachine(size)
     found = run_with_all(small_exam(), tmp_path, ["alone", "learned", "walker"], workers=site, quiet=True)
     assert {name: len(run.episodes) for name, run in found.items()} == {"alone": 2, "learned": 0}

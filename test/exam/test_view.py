@@ -6,6 +6,9 @@ import polars as pl
 import pytest
 
 from vpsci_ros.bags.episodes import read_bag_episodes
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import scenarios_of
+from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.parquet import write_parquet
@@ -14,7 +17,7 @@ from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.exam_config import BASELINE
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, episode_table
-from vpsci_ros.exam.result import RunResult
+from vpsci_ros.exam.result import RunResult, block_of_ticks
 from vpsci_ros.exam.view import exam_sources, read_exam
 from vpsci_ros.runs.run_config import Sections
 
@@ -38,15 +41,18 @@ def sources(table, autopilot, limit=1000):
     return exam_sources(table, {BASELINE: {"walker": autopilot}}, limit)
 
 
-def test_an_exam_that_is_over_is_shown_with_its_verdicts(own_bag, autopilot, tmp_path: Path) -> None:
+def test_an_exam_that_is_over_is_shown_with_its_verdicts(own_bag, exam, autopilot, tmp_path: Path) -> None:
     driven = list(read_bag_episodes(own_bag))
     (tmp_path / "runs" / "walker" / "1").mkdir(parents=True)
-    write_episodes(tmp_path / "runs" / "walker" / "1" / FRAMES, driven)
+    roads = scenarios_of(Bag(own_bag))
+    write_episodes(
+        tmp_path / "runs" / "walker" / "1" / FRAMES, block_of_ticks(read_bag(own_bag), roads), exam.world.tick, roads
+    )
     table = rows(driven, "ads")
     table = pl.concat([table, rows(autopilot, "autopilot")])
     write_parquet(table, tmp_path / "episodes.parquet", COLUMNS, content="episodes of an exam")
     (tmp_path / "autopilot").mkdir()
-    write_episodes(tmp_path / "autopilot" / "walker.parquet", autopilot)
+    autopilot_run(exam, "walker", tmp_path / "autopilot" / "walker.parquet")
     source, beside = read_exam(tmp_path, 1000)
     assert (source.key, beside.key) == ("ads-walker", "autopilot-walker")
     assert [each.episode.name for each in beside.episodes] == [each.name for each in autopilot]

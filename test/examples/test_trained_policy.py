@@ -21,7 +21,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.envs.right_turn import RightTurnEnv
 from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.result import Conduct
+from vpsci_ros.exam.result import Conduct, read_result
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
@@ -105,6 +105,7 @@ def test_its_class_sits_the_exam(weights: Path, tmp_path: Path, monkeypatch: pyt
     world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
     with class_in_process():
-        found = run_with(prepare(chosen, ads_class="trained_policy:PolicyDriver"), "walker", tmp_path, "", quiet=True)
+        run_with(prepare(chosen, ads_class="trained_policy:PolicyDriver"), "walker", tmp_path, "", quiet=True)
+    found = read_result(tmp_path, "walker")
     assert [episode.name for episode in found.episodes] == ["101:0", "101:1"]
     assert found.conduct == Conduct(wanted=2)

@@ -14,6 +14,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.conduct_exam import run_exam
 from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.result import read_result
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.run_config import Sections
 
@@ -111,7 +112,8 @@ def test_an_ads_that_dies_fails_the_exam_and_the_report_says_with_what(domain: i
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:
-    found = run_with(prepare(sections(), f"{odd} wrong flood"), "walker", tmp_path / "exam", "", quiet=True)
+    run_with(prepare(sections(), f"{odd} wrong flood"), "walker", tmp_path / "exam", "", quiet=True)
+    found = read_result(tmp_path / "exam", "walker")
     assert len(found.episodes) == 2
     assert found.conduct.refused >= 3 * 10
     assert (found.conduct.failure, found.unanswered) == ("", {})

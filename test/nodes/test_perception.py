@@ -23,7 +23,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.measures import episode_table
-from vpsci_ros.exam.result import Conduct
+from vpsci_ros.exam.result import Conduct, read_result
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
@@ -147,7 +147,8 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
     script.write_text(LISTENING)
     command = f"{sys.executable} {script} --ros-args -p objects:=true -p objects_latency:={ERRORS['latency']}"
     with own_domain():
-        by_node = run_with(prepare(sections(), command), "walker", tmp_path, "", quiet=True)
+        run_with(prepare(sections(), command), "walker", tmp_path, "", quiet=True)
+    by_node = read_result(tmp_path, "walker")
     assert by_node.conduct == Conduct(wanted=2)
     assert by_node.unanswered == {}
     said = (tmp_path / "logs" / "ads_walker-1.log").read_text().splitlines()
@@ -160,7 +161,8 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
 
     exam = prepare(sections(), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
     with class_in_process():
-        by_class = run_with(exam, "walker", tmp_path / "class", "", quiet=True)
+        run_with(exam, "walker", tmp_path / "class", "", quiet=True)
+    by_class = read_result(tmp_path / "class", "walker")
     assert len(by_class.episodes) == 2
     tables = [episode_table(each, [], driver="ads", pedestrian="walker") for each in (by_node, by_class)]
     assert tables[0].equals(tables[1])

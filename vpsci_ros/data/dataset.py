@@ -30,12 +30,12 @@ from vpsci_ros.data.dataset_tables import (
     episode_columns,
     index_table,
 )
-from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.episode_block import JUDGED, KEPT, EpisodeBlock, block_of, concat_blocks
+from vpsci_ros.data.episode_block import JUDGED, KEPT, EpisodeBlock, concat_blocks
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.data.parquet import arrow_schema, as_polars, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json, write_text
+from vpsci_ros.world import Scenario
 from vpsci_ros.world.scenario import own_documents
 
 ROW_GROUP = 1 << 17
@@ -243,19 +243,19 @@ def write_blocks(writer: DatasetWriter, blocks: Iterable[EpisodeBlock]) -> int:
     return sum(len(block) for parts in found.values() for block in parts)
 
 
-def write_episodes(path: Path, episodes: Sequence[Episode], **facts: Any) -> None:
-    """Write simulated episodes of one period as one Parquet file in float64, from which they are read bit-identically.
+def write_episodes(path: Path, block: EpisodeBlock, period: float, scenarios: Sequence[Scenario], **facts: Any) -> None:
+    """Write simulated episodes as one Parquet file in float64, from which they are read bit-identically.
 
+    :param period, scenarios: see `EpisodeBlock.episodes`.
     :param facts: JSON values that `read_metadata` returns by these names.
     """
-    block, columns = block_of(episodes), episode_columns(np.float64)
-    roads = {each.scenario.number: each.scenario for each in episodes if each.scenario is not None}
+    found, numbers = list(block.described(scenarios)), set(block.records["scenario"].tolist())
     facts |= {
-        "listed": [each.listed for each in episodes],
-        "kinds": [each.kinds for each in episodes],
-        "period": episodes[0].period if episodes else 0.0,
-        "own_scenarios": own_documents(roads.values()),
+        "listed": [listed for listed, _, _ in found],
+        "kinds": [kinds for _, kinds, _ in found],
+        "period": period if found else 0.0,
+        "own_scenarios": own_documents(each for each in scenarios if each.number in numbers),
     }
+    rows = arrow_rows(block).cast(arrow_schema(episode_columns(np.float64), facts))
     with atomic_write(path) as part:
-        rows = arrow_rows(block).cast(arrow_schema(columns, facts))
         pq.write_table(rows, part, write_page_checksum=True, **_ENCODING)

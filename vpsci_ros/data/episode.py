@@ -146,13 +146,6 @@ class Episode:
         walk = px, py, pvx, pvy, curvttc, distance, controlled == 1.0, seen == 1.0
         return cls(source, listed, scenario, period, *vehicle, *walk, **more)
 
-    def values(self) -> Floats:
-        """Return `QUANTITIES` of the pedestrians, float64[n, T, 15], as `from_values` takes them."""
-        vehicle = self.x, self.y, self.vx, self.vy
-        walk = self.ped_x, self.ped_y, self.ped_vx, self.ped_vy, self.distance, self.curvttc
-        columns = *vehicle, *walk, self.heading, self.speed, self.curvature, self.controlled, self.seen
-        return np.stack([np.broadcast_to(each, self.ped_x.shape) for each in columns], axis=-1).astype(np.float64)
-
     def __len__(self) -> int:
         """Return the number of frames."""
         return len(self.x)

@@ -5,14 +5,14 @@ is one buffer for the running episodes and for the ended episodes that were not 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from vpsci_ros.data.episode import QUANTITIES, Episode, Floats, Listed
+from vpsci_ros.data.episode import QUANTITIES, Episode, Floats, Key, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
@@ -115,37 +115,41 @@ class EpisodeBlock:
             return self
         return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
 
-    def episodes(self, period: float, scenarios: Iterable[Scenario], source: str = "") -> Iterator[Episode]:
-        """Yield the stored episodes.
+    @property
+    def keys(self) -> list[Key]:
+        """Number of the scenario and of the episode, of each."""
+        found: list[Key] = self.records[["scenario", "count"]].tolist()
+        return found
 
-        :param period: time from one frame to the next [s].
+    def without(self, keys: Container[Key]) -> "EpisodeBlock":
+        """Return the episodes other than those of these keys."""
+        return self.only(np.array([key not in keys for key in self.keys], np.bool_))
+
+    def described(self, scenarios: Iterable[Scenario]) -> Iterator[tuple[Listed, tuple[str, ...], NDArray[Any]]]:
+        """Yield metadata, kinds of the pedestrians and values[n, T, 15] of each stored episode.
+
         :param scenarios: those that may occur, found by their numbers.
-        :param source: what the episodes come from, the opening of an error message.
         """
         roads = {scenario.number: scenario for scenario in scenarios}
         ends = np.cumsum(self.records["rows"]).tolist()
-        for record, end in zip(self.records, ends, strict=True):
+        for key, record, end in zip(self.keys, self.records, ends, strict=True):
             if len(rows := self.values[end - record["rows"] : end]):
-                key, people = (int(record["scenario"]), int(record["count"])), int(record["pedestrians"])
+                people = int(record["pedestrians"])
                 values = rows.reshape(people, -1, len(QUANTITIES))
                 curvttc = values[..., QUANTITIES.index("CurvTTC")]
                 least = float(np.fmin.reduce(curvttc, axis=None, initial=np.inf))
                 listed = Listed.simulated(key, roads.get(key[0]), OUTCOME_NAMES[record["outcome"]], least)
-                kinds = tuple(KINDS[kind] for kind in record["kinds"][:people])
-                yield Episode.from_values(source, listed, roads.get(key[0]), period, values, kinds=kinds)
+                yield listed, tuple(KINDS[kind] for kind in record["kinds"][:people]), values
 
+    def episodes(self, period: float, scenarios: Sequence[Scenario], source: str = "") -> Iterator[Episode]:
+        """Yield the stored episodes, see `described`.
 
-def block_of(episodes: Sequence[Episode]) -> EpisodeBlock:
-    """Return simulated episodes as a block of float64 values, from which `EpisodeBlock.episodes` makes them again."""
-    records = np.zeros(len(episodes), JUDGED)
-    for record, episode in zip(records, episodes, strict=True):
-        record["scenario"], record["count"] = episode.key
-        record["outcome"] = OUTCOME_NAMES.index(episode.outcome)
-        record["frames"], record["pedestrians"] = len(episode), episode.pedestrians
-        record["kinds"][: len(episode.kinds)] = [KINDS.index(kind) for kind in episode.kinds]
-    records["rows"] = records["frames"] * records["pedestrians"]
-    values = [episode.values().reshape(-1, len(QUANTITIES)) for episode in episodes]
-    return EpisodeBlock(records, np.concatenate([np.zeros((0, len(QUANTITIES))), *values]))
+        :param period: time from one frame to the next [s].
+        :param source: what the episodes come from, the opening of an error message.
+        """
+        roads = {scenario.number: scenario for scenario in scenarios}
+        for listed, kinds, values in self.described(scenarios):
+            yield Episode.from_values(source, listed, roads.get(listed.scenario), period, values, kinds=kinds)
 
 
 def concat_blocks(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
@@ -261,22 +265,29 @@ class EpisodeFrames:
         self._values = values
 
 
-def ended_episodes(
-    ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], *, source: str = "", all_: bool = False
-) -> Iterator[Episode]:
-    """Yield the episodes of ticks in float64, each when it ends.
+def ended_blocks(
+    ticks: Iterable[SeenTick], scenarios: Sequence[Scenario], *, all_: bool = False
+) -> Iterator[EpisodeBlock]:
+    """Yield the episodes of ticks in float64, those that end at the same tick as one block.
 
-    :param period, scenarios, source: see `EpisodeBlock.episodes`.
     :param all_: also episodes whose end is not shown.
     """
     frames = None
     for tick in ticks:
         frames = frames or EpisodeFrames(len(tick.state), floats=np.float64, scenarios=scenarios, broken_off=all_)
         if frames.store(tick):
-            yield from frames.take().episodes(period, scenarios, source)
+            yield frames.take()
     if frames is not None and all_:
         frames.finish()
-        yield from frames.take().episodes(period, scenarios, source)
+        yield frames.take()
+
+
+def ended_episodes(
+    ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], *, source: str = "", all_: bool = False
+) -> Iterator[Episode]:
+    """Yield the episodes of ticks in float64, each when it ends; see `ended_blocks` and `EpisodeBlock.episodes`."""
+    for block in ended_blocks(ticks, scenarios, all_=all_):
+        yield from block.episodes(period, scenarios, source)
 
 
 @kernel

@@ -16,7 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam, identity_of
@@ -68,7 +67,7 @@ def run_with_all(
     titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if alone and not quiet else {}
 
     def take(run: Run) -> None:
-        found[run] = read_result(run_folder(folder, run.pedestrian, run.part) / FRAMES)
+        found[run] = read_result(folder, run.pedestrian, run.part)
 
     def following() -> Run | None:
         while all(result.episodes for result in found.values()) and (run := next(waiting, None)):
@@ -112,8 +111,8 @@ def conductor(
     return conduct
 
 
-def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, digest: str = "") -> RunResult:
-    """Run the driving system with one pedestrian in `folder`, unless the run is finished; return the result.
+def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, digest: str = "") -> None:
+    """Run the driving system with one pedestrian in `folder`, unless the run is finished; see `read_result`.
 
     :param which: label of the run in the progress.
     :param digest: `exam_digest` of the exam; empty: that of this machine.
@@ -122,7 +121,7 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, di
     """
     run = run_folder(folder, name, exam.part)
     if is_done(exam, folder, name):
-        return read_result(run / FRAMES)
+        return
     if not quiet:
         where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
         external = where if exam.config.examined == EXTERNAL and exam.driver is None else ""
@@ -132,10 +131,9 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, di
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{label_of(name, exam.part)}.log"
     drive = run_in_process if exam.in_process else run_in_graph
-    result = drive(exam, name, run, log, quiet=quiet)
+    drive(exam, name, run, log, quiet=quiet)
     files = {path.relative_to(run).as_posix(): sha256(path) for path in sorted(run.rglob("*")) if path.is_file()}
     write_json(run / RESULT, {**run_identity(exam, name, digest), "files": files})
-    return result
 
 
 def run_identity(exam: Exam, name: str, digest: str = "") -> dict[str, Any]:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import polars as pl
 
-from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import run_with_all
@@ -65,10 +64,9 @@ def run_exam(
     driven, timing = timed_runs(exam, folder, workers=workers, against=against, quiet=quiet)
     runs = {ADS: driven}
     if exam.config.baseline:
-        runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
         (folder / BASELINE).mkdir(exist_ok=True)
-        for name in pedestrians:
-            write_episodes(autopilot_file(folder, name), runs[BASELINE][name].episodes)
+        runs[BASELINE] = {name: autopilot_run(exam, name, autopilot_file(folder, name)) for name in pedestrians}
+        runs[BASELINE][ALONE] = autopilot_run(exam, ALONE)
     table = pl.concat(_rows(exam, driver, runs[driver], timing if driver == ADS else {}) for driver in runs)
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
     report["timing"] = summary(timing, table) if timing else None

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag, BagTick
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.exam_config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
-from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
+from vpsci_ros.exam.result import Conduct, block_of_ticks, write_result
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
@@ -45,8 +45,8 @@ def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
     return own_domain()
 
 
-def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
-    """Run the graph with one pedestrian, write record, bag and result into the folder `run`, and return the result.
+def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
+    """Run the graph with one pedestrian, and write record, bag and result into the folder `run`.
 
     :param log: for what the system writes.
     :raises VpsciError: a node has failed.
@@ -84,9 +84,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
         world = graph.nodes.get("world_simulator", NodeStatus())
         asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
         raise VpsciError(f"the run with {title_of(name)}: {graph.error}{asks}")
-    result = result_of_graph(exam, name, graph)
-    write_result(run / FRAMES, result)
-    return result
+    write_result(run, exam, *result_of_graph(exam, name, graph))
 
 
 def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
@@ -118,8 +116,8 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
     return sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
 
 
-def result_of_graph(exam: Exam, name: str, graph: "GraphResult") -> RunResult:
-    """Return the result of a graph's run: episodes of its bag with fewer than 20 ticks unanswered by the ADS.
+def result_of_graph(exam: Exam, name: str, graph: "GraphResult") -> tuple[EpisodeBlock, Conduct, Counter[Key]]:
+    """Return the result of a graph's run, see `RunResult`: episodes with fewer than 20 ticks unanswered by the ADS.
 
     :raises InvalidInput: the bag cannot be read, though the run came to its end.
     """
@@ -127,25 +125,26 @@ def result_of_graph(exam: Exam, name: str, graph: "GraphResult") -> RunResult:
     failure = f"{title_of(name)}: {graph.error}" if graph.error else ""
     refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
     conduct = Conduct(len(exam.episodes), refused, surplus, counts.safe_stops, failure)
+    nothing = concat_blocks([]), conduct, Counter[Key]()
     if graph.error and not graph.bag.is_dir():
-        return RunResult([], conduct)  # it failed before the recorder wrote anything
+        return nothing  # it failed before the recorder wrote anything
     bag = Bag(graph.bag, recover=True) if graph.error else graph.recording or Bag(graph.bag)
     events = bag.topics().get(EVENTS)
     if events is not None and not events.messages:
-        return RunResult([], conduct)  # no episode has begun
+        return nothing  # no episode has begun
     unanswered: Counter[Key] = Counter()
 
     try:
-        found = result_of_bag(bag, exam, lambda events: unanswered.update(unanswered_in(events)))
+        found = block_of_bag(bag, exam, lambda events: unanswered.update(unanswered_in(events)))
     except InvalidInput:
         if not graph.error:
             raise
-        return RunResult([], conduct)  # whose failure says why, such as another graph's states among its own
-    own = [episode for episode in found.episodes if unanswered[episode.key] < SILENT_TICKS]
-    if (left := len(found.episodes) - len(own)) and not graph.error:
+        return nothing  # whose failure says why, such as another graph's states among its own
+    own = found.without([key for key, ticks in unanswered.items() if ticks >= SILENT_TICKS])
+    if (left := len(found) - len(own)) and not graph.error:
         text = f"{left} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
         conduct = dataclasses.replace(conduct, failure=text)
-    return found._replace(episodes=own, conduct=conduct, unanswered=dict(unanswered))
+    return own, conduct, unanswered
 
 
 def unanswered_in(events: NDArray[np.void]) -> Iterator[Key]:
@@ -154,8 +153,8 @@ def unanswered_in(events: NDArray[np.void]) -> Iterator[Key]:
     return zip(missing["scenario"].tolist(), missing["episode"].tolist(), strict=True)
 
 
-def result_of_bag(bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None) -> RunResult:
-    """Return the result in a bag's ticks: its episodes, and the first critical pedestrian of each critical one.
+def block_of_bag(bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]], None] | None = None) -> EpisodeBlock:
+    """Return the episodes that end in a bag's ticks.
 
     :param take_events: called with the EVENT[n] of each message of events.
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
@@ -169,4 +168,4 @@ def result_of_bag(bag: Bag, exam: Exam, take_events: Callable[[NDArray[np.void]]
                     raise InvalidInput(f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
             yield tick
 
-    return result_of_ticks(ticks(), exam.world.tick, exam.scenarios, str(bag))
+    return block_of_ticks(ticks(), exam.scenarios)

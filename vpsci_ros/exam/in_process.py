@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.data.dataset_reader import FRAMES
+from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
 from vpsci_ros.exam.exam_config import BASELINE, title_of
 from vpsci_ros.exam.process import log_name
-from vpsci_ros.exam.result import Conduct, RunResult, result_of_ticks, write_result
+from vpsci_ros.exam.result import Conduct, RunResult, block_of_ticks, write_result
 from vpsci_ros.lockstep.intervention import Interventions
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -62,14 +62,20 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
     return Loop(world, agents, interventions=interventions)
 
 
-def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
-    """Run the rule-based autopilot with one pedestrian, many episodes side by side, and return the result."""
+def autopilot_run(exam: Exam, pedestrian: str, to: Path | None = None) -> RunResult:
+    """Run the rule-based autopilot with one pedestrian, many episodes side by side, and return the result.
+
+    :param to: file into which its episodes are written.
+    """
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
-    return result_of_ticks(steps, exam.world.tick, exam.scenarios, BASELINE)
+    block = block_of_ticks(steps, exam.scenarios)
+    if to is not None:
+        write_episodes(to, block, exam.world.tick, exam.scenarios)
+    return RunResult(list(block.episodes(exam.world.tick, exam.scenarios, BASELINE)))
 
 
-def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
-    """Run the driving system with one pedestrian without ROS, write result and record into `run`, return the result.
+def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
+    """Run the driving system with one pedestrian without ROS, and write result and record into `run`.
 
     With `ads_test.bags` it writes a bag, too, and drives one episode after the other.
     """
@@ -89,12 +95,11 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
             seen = list(ticks)
             write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
-        found = result_of_ticks(ticks, world.tick, exam.scenarios, str(run))
+        block = block_of_ticks(ticks, exam.scenarios)
     failure = driven.failure()
     said = f"{title_of(name)}: {failure}" if failure else ""
     conduct = Conduct(len(exam.episodes), driven.refused, failure=said)
-    result = found._replace(episodes=[each for each in found.episodes if each.key not in driven.lost], conduct=conduct)
-    write_result(run / FRAMES, result)
+    write_result(run, exam, block.without(driven.lost), conduct)
     write_record(
         run / RUN_RECORD,
         begun=begun,
@@ -102,7 +107,6 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
         results=dataclasses.asdict(conduct),
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
     )
-    return result
 
 
 @contextlib.contextmanager

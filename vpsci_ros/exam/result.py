@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vpsci_ros.data.dataset import write_episodes
-from vpsci_ros.data.dataset_reader import EpisodeFile
+from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
 from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.data.episode_block import SeenTick, ended_episodes
+from vpsci_ros.data.episode_block import EpisodeBlock, SeenTick, concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
 
@@ -69,27 +70,28 @@ def first_critical(episode: Episode) -> FirstCritical:
     return FirstCritical(not episode.seen[who, frame], kind, episode.pedestrians)
 
 
-def result_of_ticks(ticks: Iterable[SeenTick], period: float, scenarios: Sequence[Scenario], source: str) -> RunResult:
-    """Return the result in a run's ticks: episodes sorted by key.
-
-    :param period: of a tick [s].
-    :param source: what the ticks come from, the opening of an error message.
-    """
-    found = ended_episodes(ticks, period, scenarios, source=source)
-    return RunResult(sorted(found, key=lambda episode: episode.key))
+def block_of_ticks(ticks: Iterable[SeenTick], scenarios: Sequence[Scenario]) -> EpisodeBlock:
+    """Return the episodes that end in a run's ticks, sorted by key."""
+    return concat_blocks(list(ended_blocks(ticks, scenarios)))
 
 
-def write_result(path: Path, result: RunResult) -> None:
-    """Write the result of a run, whole or not at all."""
-    unanswered = [[*key, count] for key, count in result.unanswered.items()]
-    write_episodes(path, result.episodes, conduct=dataclasses.asdict(result.conduct), unanswered=unanswered)
+def write_result(
+    run: Path, exam: Exam, block: EpisodeBlock, conduct: Conduct, unanswered: Mapping[Key, int] | None = None
+) -> None:
+    """Write the result of a run of an exam into its folder, see `RunResult`, whole or not at all."""
+    facts = {
+        "conduct": dataclasses.asdict(conduct),
+        "unanswered": [[*key, count] for key, count in (unanswered or {}).items()],
+    }
+    write_episodes(run / FRAMES, block, exam.world.tick, exam.scenarios, **facts)
 
 
-def read_result(path: Path) -> RunResult:
-    """Return the result of a run.
+def read_result(folder: Path, pedestrian: str, part: int = 0) -> RunResult:
+    """Return the result of a run of the exam in `folder`.
 
     :raises InvalidInput: it cannot be read, or the file holds something else.
     """
+    path = run_folder(folder, pedestrian, part) / FRAMES
     file = EpisodeFile(path)
     try:
         conduct = Conduct(**file.facts["conduct"])

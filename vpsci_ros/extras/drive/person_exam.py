@@ -19,7 +19,7 @@ from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
 from vpsci_ros.exam.exam_config import EXTERNAL, PERSON, title_of
 from vpsci_ros.exam.in_process import autopilot_run, loop_with
-from vpsci_ros.exam.result import RunResult, label_of
+from vpsci_ros.exam.result import RunResult, label_of, read_result
 from vpsci_ros.extras.drive.drive_page import Page
 from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
@@ -83,7 +83,8 @@ def _drive(part: Exam, name: str, folder: Path, page: Page, which: str) -> RunRe
     scenario = next(each for each in part.scenarios if each.number == key[0])
     while True:
         page.begin(f"{key[0]}:{key[1]}", scenario, which)
-        result = run_with(part, name, folder, which, quiet=True)
+        run_with(part, name, folder, which, quiet=True)
+        result = read_result(folder, name, part.part)
         if result.episodes or page.finished:
             return result
         print(f"{which}: {result.conduct.failure}; it begins again", file=sys.stderr)

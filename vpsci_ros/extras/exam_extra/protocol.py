@@ -23,7 +23,7 @@ from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
 from vpsci_ros.exam.in_process import DrivenLoop, loop_with
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import Motion
-from vpsci_ros.exam.result import RunResult, result_of_ticks
+from vpsci_ros.exam.result import RunResult, block_of_ticks
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.lockstep.engines import require_own
@@ -174,7 +174,8 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     brake = partial(AutopilotBrake, exam.world.proximity_distance)
     cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes), exam.world.spawn)
     steps = DrivenLoop(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
-    return result_of_ticks(steps, exam.world.tick, exam.scenarios, BASELINE)
+    block = block_of_ticks(steps, exam.scenarios)
+    return RunResult(list(block.episodes(exam.world.tick, exam.scenarios, BASELINE)))
 
 
 def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:

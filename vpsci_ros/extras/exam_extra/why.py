@@ -26,7 +26,7 @@ from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.in_graph import domain_of
 from vpsci_ros.exam.measures import episode_table, worst_first
-from vpsci_ros.exam.result import RunResult
+from vpsci_ros.exam.result import RunResult, read_result
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Case, Span, case_of
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.workers import Workers, computed, local_workers
@@ -283,7 +283,8 @@ def _conductor(exam: Exam, folder: Path, pedestrian: str, cases: Mapping[Key, Ca
         if factor:
             changed = FACTORS[factor].change(changed, {key: (cases[key], amount) for key, amount in amounts})
         with domain_of(exam):
-            return run_with(changed, pedestrian, folder / _name(unit), "", quiet=True)
+            run_with(changed, pedestrian, folder / _name(unit), "", quiet=True)
+        return read_result(folder / _name(unit), pedestrian, changed.part)
 
     return conduct
 
