@@ -19,6 +19,7 @@ from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 
 Floats = NDArray[np.float64]
 Key = tuple[int, int]  # number of the scenario, number of the episode within it
+ALONE = "alone"  # of an exam's runs the one on the empty road, the reference of the time lost
 RECORDED = "recorded"  # outcome of an interaction of real people, whose end nobody classified
 YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielded`
 STANDING = 1e-3  # [m/s] below which a velocity has no direction

@@ -14,12 +14,13 @@ from pathlib import Path
 
 import polars as pl
 
+from vpsci_ros.data.episode import ALONE
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
-from vpsci_ros.exam.exam_config import ADS, ALONE, BASELINE, OWN_TIMING
+from vpsci_ros.exam.exam_config import ADS, BASELINE, OWN_TIMING
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary

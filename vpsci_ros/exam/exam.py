@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_reader import EXAM
-from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode import ALONE, Key
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.class_process import files_of_class
 from vpsci_ros.exam.driver_class import Driver
-from vpsci_ros.exam.exam_config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
+from vpsci_ros.exam.exam_config import DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
 from vpsci_ros.lockstep.engines import require_own

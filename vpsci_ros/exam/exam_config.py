@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from vpsci_ros.data.episode import ALONE
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 from vpsci_ros.policy.agent_types import AGENT_TYPES
@@ -16,7 +17,6 @@ SURPLUS_LIMIT = 100  # commands a tick beyond the first one; an ADS that sends m
 EXTERNAL = "external"  # an ADS that the user starts himself
 PERSON = "you"  # a person drives (`vpsci drive`)
 ADS, BASELINE = "ads", "autopilot"  # drivers of an exam: the system under test, and the autopilot beside it
-ALONE = "alone"  # the empty road: the reference of the time lost
 DRIVERS = {
     LEARNED: "policy",
     "recorded": "replay",

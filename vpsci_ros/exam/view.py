@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.dataset_reader import EXAM, EpisodeFile, exam_runs
-from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode import ALONE, Episode
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam_config import ADS, ALONE, BASELINE, title_of
+from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH, contact_step

@@ -18,7 +18,7 @@ from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import EXAM, Dataset, EpisodeFile, exam_runs
-from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.data.episode import ALONE, Episode, Listed
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.documents import listed
@@ -28,7 +28,6 @@ from vpsci_ros.view.pack import LIMIT, Source, shown
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 
-ALONE = "alone"  # of an exam's runs the one without a pedestrian
 EXPECTED = "expected a near-miss table (Parquet), the folder of a dataset, a bag or the folder of an exam"
 _OF_A_BAG = (".mcap", ".db3", ".zstd")
 
