@@ -230,6 +230,20 @@ def test_a_car_that_does_not_brake_as_chosen_is_assumed_to_keep_its_velocity() -
     assert (done[:, 1] == -4.0).all()
 
 
+@pytest.mark.parametrize("agent", [0, 1])
+def test_what_acted_in_a_slot_before_changes_nothing_after_a_hand_over(agent: int) -> None:
+    """Also where the reaction begins at the bank's first step, as in an empty slot and after the same reaction."""
+    left = []
+    for was in (0, 7):
+        replay, every = ReactionReplay(reactions(count=1), agent, 1, False), np.ones(1, bool)
+        replay.slots["begin"], replay.slots["expected"], replay.slots["apart"] = was, 99.0, 99.0
+        for step in range(3):
+            replay.step(APART, keys(1, 7, 0, np.arange(1)), every & (step == 0), every)
+        left.append(replay.slots.tobytes())
+        assert replay.slots["apart"][0] < 0.5
+    assert left[0] == left[1]
+
+
 def test_a_row_has_the_same_bits_in_any_batch() -> None:
     own, rng = load_policy("people").of(), np.random.default_rng(1)
     situations = np.concatenate([APART, MEETS] * 20) + 0.2 * rng.normal(size=(40, SITUATION))

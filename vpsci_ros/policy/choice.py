@@ -218,7 +218,7 @@ def _act(situation, key, reset, actor, reactions, chosen, room, out):  # type: i
     """Write an agent's accelerations (forward, left) [m/s2] at this step to float64[2]."""
     agent, keeps_lane = actor
     if reset:
-        chosen.apart, chosen.at, chosen.end = 0.0, 0, 0
+        chosen.apart, chosen.begin, chosen.at, chosen.end = 0.0, -1, 0, 0
     else:
         _watch(situation, agent, chosen)
     unpredicted = NOBODY
