@@ -67,8 +67,10 @@ ARMS = {
     "base": Arm(),
     "ddpg": _learner(objective="ddpg"),
     **{f"policy_gradient_{weight:g}": _rolled(policy_gradient=weight) for weight in (0.1, 1.0)},
-    # A level of 100 m makes the price of nearness linear; 0.06 of it is what 6 is without.
-    "linear_price": Arm(_rolled(contact=0.06).changed, patch=lambda: mock.patch.object(closed_loop, "LEVEL", 100.0)),
+    # An offset of 100 m makes the price of nearness linear; 0.06 of it is what 6 is without.
+    "linear_price": Arm(
+        _rolled(contact=0.06).changed, patch=lambda: mock.patch.object(closed_loop, "NEAR_OFFSET", 100.0)
+    ),
     "no_hand_back": _rolled(beyond=0),
     "no_imitation": _rolled(weight=0.2, most_weight=0.2),
     **{f"limit_{limit:g}": _rolled(limit=limit) for limit in (0.25, 0.3)},

@@ -6,7 +6,7 @@ import torch
 
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.evaluation.scene import Scene
-from vpsci_ros.learning.closed_loop import Lane, Recorded, clearance, roll_out, simulated_start, wrong
+from vpsci_ros.learning.closed_loop import Lane, Recorded, clearance, penalties, roll_out, simulated_start
 from vpsci_ros.learning.objectives import DualWeight
 from vpsci_ros.learning.rewards import SimulatedRewards
 from vpsci_ros.learning.training_config import ClosedLoopConfig, RewardsConfig
@@ -88,7 +88,7 @@ def test_braking_and_waiting_lower_what_is_wrong_where_both_would_meet(simulated
     losses = []
     for _ in range(25):
         scenes, done = zip(*roll_out(made.actor, start, 25), strict=True)
-        loss = wrong(start, scenes, done, ClosedLoopConfig(**vars(config) | {"steps": 25})).near.mean()
+        loss = penalties(start, scenes, done, ClosedLoopConfig(**vars(config) | {"steps": 25})).near.mean()
         losses.append(float(loss.detach()))
         parameters = list(made.actor.parameters())
         for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters), strict=True):

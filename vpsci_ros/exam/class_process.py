@@ -86,8 +86,8 @@ class ClassProcess:
     def _received(self, patience: float) -> Any:
         """Return what the process says next.
 
-        :raises ValueError: it has ended, is silent, or what it sends is not JSON, or is not the next message;
-            `_ended` says so, if it is known.
+        :raises ValueError: the process has ended or is silent, or its message is no JSON or not the next one; `_ended`
+            is the reason, unless it is the JSON.
         """
         deadline = time.monotonic() + patience
         while not self._connection.poll(_LOOK):

@@ -39,9 +39,9 @@ _LARGEST_ARC = 0.5 * math.pi  # [rad] as that of CurvTTC
 
 
 class Encounter(NamedTuple):
-    """What a pedestrian of a drawn episode does if it does not react, and how early or late its driver comes.
+    """The walk of a drawn pedestrian that does not react, and how early it is for the car.
 
-    :ivar walk: float64[T, 2], its places at each tick [m].
+    :ivar walk: float64[T, 2], its places at each tick [m], in the map frame.
     :ivar share: 0: the pedestrian is so late that it would just touch the car; 1: so early.
     :ivar onset: EPISODE record of the pair at its onset; None: the autopilot has none.
     """

@@ -50,7 +50,7 @@ Actions = dict[str, Tensor]
 _HALF = torch.tensor([0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH])
 _MIRRORED = torch.tensor([1.0, -1.0])
 _MIRRORED_MOTION = torch.tensor([1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # a row of `Interactions.motion`
-LEVEL = 0.3  # [m] of clearance lacking, above which its price grows with its square
+NEAR_OFFSET = 0.3  # [m] of lacking clearance, above which its price grows with the square
 _SMALL = 0.05  # [m] below which the error of a position grows with its square
 _STRIDE = 2.0  # [m/s2] with which a walker goes on
 
@@ -291,14 +291,14 @@ def clearance(scene: Scene) -> Tensor:
     return outside + gap.amax(dim=1).clamp(max=0.0) - PEDESTRIAN_RADIUS
 
 
-class Wrong(NamedTuple):
-    """What is wrong with B roll-outs, without unit, [B] each.
+class Penalties(NamedTuple):
+    """Penalties of B roll-outs, float[B] each, before their prices; 0 is best.
 
-    :ivar near: d (d + `LEVEL`), where the least clearance is d below the margin [m].
-    :ivar off: how far the vehicle is beyond half a metre from the middle of its lane, where it keeps the lane itself;
-        mean over the steps [m].
-    :ivar late: shares of their speeds that both agents lack at the end, along the lane and the walker's route.
-    :ivar effort: squared accelerations, mean over the steps [m2/s4].
+    :ivar near: d (d + `NEAR_OFFSET`) [m2], where the least clearance is d below the margin.
+    :ivar off: distance [m] of the vehicle beyond half a metre from the middle of its lane, mean over the steps; 0 where
+        the world keeps the lane.
+    :ivar late: shares of their initial speeds that both agents lack at the end, along the lane and the walker's route.
+    :ivar effort: squared accelerations of both agents, mean over the steps [m2/s4].
     """
 
     near: Tensor
@@ -307,8 +307,8 @@ class Wrong(NamedTuple):
     effort: Tensor
 
 
-def wrong(start: Start, scenes: Sequence[Scene], actions: Sequence[Actions], config: ClosedLoopConfig) -> Wrong:
-    """Return what is wrong with the roll-outs of B starts, given as scenes and actions of each step."""
+def penalties(start: Start, scenes: Sequence[Scene], actions: Sequence[Actions], config: ClosedLoopConfig) -> Penalties:
+    """Return the penalties of the roll-outs of B starts, given as scenes and actions of each step."""
     more = config.margin - config.margin_beyond
     gaps = [clearance(scene) + (more if step >= config.steps else 0.0) for step, scene in enumerate(scenes)]
     near = torch.stack(gaps).amin(dim=0)
@@ -320,8 +320,8 @@ def wrong(start: Start, scenes: Sequence[Scene], actions: Sequence[Actions], con
     drives = (last.vehicle_velocity * lane).sum(dim=1) / start.scene.vehicle_velocity.norm(dim=1).clamp(min=2.0)
     paces = start.scene.pedestrian_velocity.norm(dim=1).clamp(min=0.5, max=2.0)
     walks = (last.pedestrian_velocity * start.way).sum(dim=1) / paces
-    return Wrong(
-        lack * (lack + LEVEL),
+    return Penalties(
+        lack * (lack + NEAR_OFFSET),
         beside * ~start.keeps_lane,
         torch.relu(1.0 - drives) + torch.relu(1.0 - walks),
         torch.stack(squares[: config.steps]).mean(dim=0),

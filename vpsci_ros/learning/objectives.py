@@ -13,7 +13,7 @@ import numpy as np
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.evaluation.scene import Scene
-from vpsci_ros.learning.closed_loop import Recorded, Start, roll_out, simulated_start, wrong
+from vpsci_ros.learning.closed_loop import Recorded, Start, penalties, roll_out, simulated_start
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer
 from vpsci_ros.learning.rewards import Rewards
@@ -168,7 +168,7 @@ class Constrained:
         )
         error = recorded.error([_rows(scene, len(histories), None) for scene in scenes[: config.imitated_steps]])
         own = [{agent: values[: len(histories)] for agent, values in one.items()} for one in done]
-        bad = wrong(start, [_rows(scene, 0, len(histories)) for scene in scenes], own, config)
+        bad = penalties(start, [_rows(scene, 0, len(histories)) for scene in scenes], own, config)
         for history, near in zip(histories, bad.near.tolist(), strict=True):
             history.near = 0.5 * (history.near + near)
         prices = config.contact, config.lane, config.late, config.effort
