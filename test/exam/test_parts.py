@@ -56,13 +56,13 @@ class Backwards:
 
     size, spare = 4, 1
 
-    def __init__(self, job: Callable[[], Callable[[conduct.Run], None]]) -> None:
-        self._do, self._units = job(), list[conduct.Run]()
+    def __init__(self, job: Callable[[], Callable[[conduct.Order], None]]) -> None:
+        self._do, self._units = job(), list[conduct.Order]()
 
-    def submit(self, unit: conduct.Run) -> None:
+    def submit(self, unit: conduct.Order) -> None:
         self._units.append(unit)
 
-    def collect(self) -> list[tuple[conduct.Run, None]]:
+    def collect(self) -> list[tuple[conduct.Order, None]]:
         unit = self._units.pop()
         return [(unit, self._do(unit))]
 

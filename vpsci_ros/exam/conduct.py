@@ -6,19 +6,20 @@ where there are several. Each run leaves a record and its result (`result`).
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import Exam, identity_of
+from vpsci_ros.exam.exam import Exam, HeadStarts, identity_of
 from vpsci_ros.exam.exam_config import EXTERNAL, title_of
 from vpsci_ros.exam.in_graph import domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
@@ -27,7 +28,7 @@ from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.runs.files import changed_files, sha256, write_json
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, read_record
-from vpsci_ros.runs.workers import HERE, Place, Site, Work, computed
+from vpsci_ros.runs.workers import HERE, Place, Site, Work, Workers, computed
 
 RESULT = "result.json"  # what a finished run is, and the hash of each of its files
 
@@ -42,71 +43,116 @@ class Run(NamedTuple):
         return label_of(self.pedestrian, self.part)
 
 
-def run_with_all(
-    exam: Exam,
-    folder: Path,
-    pedestrians: Sequence[str],
-    *,
-    workers: Site = HERE,
-    quiet: bool,
-    what: str = "",
-) -> dict[str, RunResult]:
-    """Return the driving system's result with each pedestrian; a finished run in `folder` is read, not repeated.
+class Order(NamedTuple):
+    """What a worker is told to drive.
 
-    After a run in which the system completes no episode, no further run begins.
+    :ivar head_starts: of the episodes of the run, see `Exam`.
+    :ivar title: label of the run in the progress; empty: the run is quiet.
+    """
+
+    run: Run
+    head_starts: HeadStarts
+    title: str
+
+    def __str__(self) -> str:
+        return str(self.run)
+
+
+DriveWith = Callable[[Sequence[str], HeadStarts], dict[str, RunResult]]
+
+
+@contextlib.contextmanager
+def drives(
+    exam: Exam, folder: Path, *, workers: Site = HERE, most: int, quiet: bool, what: str = ""
+) -> Iterator[DriveWith]:
+    """Yield a function that returns the driving system's result with each pedestrian that it is given.
+
+    A finished run in `folder` is read, not repeated. After a run in which the system completes no episode, no further
+    run of the call begins. The workers start at the first run, and drive those of all calls.
 
     :param workers: where the runs are driven; the results do not depend on it.
+    :param most: pedestrians of a call, at most.
     :param what: label of the runs in the progress.
     :raises VpsciError: a node has failed, or workers die again and again.
     :raises KeyboardInterrupt: stopped on request.
     """
     parts = exam.parts()
-    runs = [Run(name, number) for name in pedestrians for number in range(len(parts))]
-    waiting, found = iter(runs), dict[Run, RunResult]()
-    alone = workers.alone
-    titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if alone and not quiet else {}
+    job = partial(conductor, parts, [exam_digest(part) for part in parts])
+    reads = partial(files_to_take, exam)
+    work = Work(job, folder, most * len(parts), reads, whole_host=not exam.in_process)
+    with contextlib.ExitStack() as stack:
+        pool = cache(lambda: stack.enter_context(contextlib.closing(workers.start(work))))
+        yield partial(_driven, parts, folder, workers, pool, quiet, what)
+
+
+def run_with_all(
+    exam: Exam, folder: Path, pedestrians: Sequence[str], *, workers: Site = HERE, quiet: bool, what: str = ""
+) -> dict[str, RunResult]:
+    """Return the driving system's result with each pedestrian, see `drives`."""
+    with drives(exam, folder, workers=workers, most=len(pedestrians), quiet=quiet, what=what) as drive:
+        return drive(pedestrians, exam.head_starts)
+
+
+def _driven(
+    parts: Sequence[Exam],
+    folder: Path,
+    site: Site,
+    pool: Callable[[], Workers[Order, None]],
+    quiet: bool,
+    what: str,
+    pedestrians: Sequence[str],
+    head_starts: HeadStarts,
+) -> dict[str, RunResult]:
+    """Return the driving system's result with each pedestrian, see `drives`."""
+    own = [dataclasses.replace(part, head_starts=_of(part, head_starts)) for part in parts]
+    runs = [Run(name, number) for name in pedestrians for number in range(len(own))]
+    waiting, found = iter(enumerate(runs, 1)), dict[Run, RunResult]()
 
     def take(run: Run) -> None:
         found[run] = read_result(folder, run.pedestrian, run.part)
 
-    def following() -> Run | None:
-        while all(result.episodes for result in found.values()) and (run := next(waiting, None)):
-            if not is_done(parts[run.part], folder, run.pedestrian):
+    def following() -> Order | None:
+        while all(result.episodes for result in found.values()) and (numbered := next(waiting, None)):
+            number, run = numbered
+            if not is_done(own[run.part], folder, run.pedestrian):
                 shutil.rmtree(run_folder(folder, run.pedestrian, run.part), ignore_errors=True)
-                return run
+                title = f"{what}{number} of {len(runs)}" if site.alone and not quiet else ""
+                return Order(run, own[run.part].head_starts, title)
             take(run)
         return None
 
     todo = list(filter(None, [following()]))
     if todo:
-        job = partial(conductor, parts, [exam_digest(part) for part in parts], titles)
-        reads = partial(files_to_take, exam)
-        pool = workers.start(Work(job, folder, len(runs), reads, whole_host=not exam.in_process))
-        with contextlib.closing(pool), Bars(quiet=quiet or alone, where=workers.hosts) as bars:
-            for run, _ in computed(pool, lambda: todo.pop() if todo else following(), ahead=False):
-                take(run)
-                done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
-                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
+        units = computed(pool(), lambda: todo.pop() if todo else following(), ahead=False)
+        with Bars(quiet=quiet or site.alone, where=site.hosts) as bars:
+            for order, _ in units:
+                take(order.run)
+                done = sum(own[each.part].run.total for each in found)
+                wanted = sum(part.run.total for part in own) * len(pedestrians)
+                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(order.run.pedestrian)}")
                 bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
     empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
     taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
-    return {name: merged_results(results, len(exam.episodes)) for name, results in taken.items() if results}
+    most = sum(len(part.episodes) for part in own)
+    return {name: merged_results(results, most) for name, results in taken.items() if results}
 
 
-def conductor(
-    parts: Sequence[Exam], digests: Sequence[str], titles: Mapping[Run, str], place: Place
-) -> Callable[[Run], None]:
+def _of(part: Exam, head_starts: HeadStarts) -> HeadStarts:
+    return {key: head_starts[key] for key in part.episodes if key in head_starts}
+
+
+def conductor(parts: Sequence[Exam], digests: Sequence[str], place: Place) -> Callable[[Order], None]:
     """Return a function that does a `Run`, one part of an exam with one pedestrian, whose result is in its files.
 
     :param digests: `exam_digest` of each part, where the exam was prepared.
-    :param titles: of the runs, for the progress; a run without one is quiet.
     """
     own = [arrived(part, place) for part in parts]
 
-    def conduct(run: Run) -> None:
-        with domain_of(own[0]):
-            exam, digest, title = own[run.part], digests[run.part], titles.get(run, "")
-            run_with(exam, run.pedestrian, place.folder, title, quiet=run not in titles, digest=digest)
+    def conduct(order: Order) -> None:
+        run = order.run
+        exam, digest = dataclasses.replace(own[run.part], head_starts=order.head_starts), digests[run.part]
+        with domain_of(exam):
+            run_with(exam, run.pedestrian, place.folder, order.title, quiet=not order.title, digest=digest)
 
     return conduct
 

@@ -6,7 +6,6 @@ report.html, summary.md, junit.xml, pictures, and view.html, in which the episod
 stopped exam: it reads the finished runs of the driving system, and runs the others and the baseline.
 """
 
-import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -17,7 +16,7 @@ import polars as pl
 from vpsci_ros.data.episode import ALONE
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
-from vpsci_ros.exam.conduct import run_with_all
+from vpsci_ros.exam.conduct import drives
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.exam_config import ADS, BASELINE, OWN_TIMING
@@ -103,17 +102,16 @@ def timed_runs(
     :param against: folder of an earlier exam, whose timing is taken where it is nearly the same.
     :raises VpsciError: a node has failed.
     """
-    drive = partial(run_with_all, folder=folder, workers=workers, quiet=quiet)
-    if exam.person:
-        return drive(exam, pedestrians=exam.config.opponents), {}
-    runs = drive(exam, pedestrians=[ALONE])
-    timing: Timing = {}
-    if not runs[ALONE].episodes:
-        return runs, timing
-    if exam.config.timing == OWN_TIMING:
-        timing = timing_of(exam, runs[ALONE].episodes, folder, against)
-    timed = dataclasses.replace(exam, head_starts=head_starts(timing))
-    return runs | drive(timed, pedestrians=exam.config.opponents), timing
+    with drives(exam, folder, workers=workers, most=len(exam.config.opponents), quiet=quiet) as drive:
+        if exam.person:
+            return drive(exam.config.opponents, {}), {}
+        runs = drive([ALONE], {})
+        timing: Timing = {}
+        if not runs[ALONE].episodes:
+            return runs, timing
+        if exam.config.timing == OWN_TIMING:
+            timing = timing_of(exam, runs[ALONE].episodes, folder, against)
+        return runs | drive(exam.config.opponents, head_starts(timing)), timing
 
 
 def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult], timing: Timing) -> pl.DataFrame:

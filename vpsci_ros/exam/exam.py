@@ -38,6 +38,7 @@ from vpsci_ros.world.perception import PerceptionConfig
 _CHECKED_AGAIN = ("fail_if", "failure", "allow_standing")  # parameters that may change when an exam is checked again
 SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
+HeadStarts = Mapping[Key, tuple[float, float]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Exam:
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
     driver: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
-    head_starts: Mapping[Key, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    head_starts: HeadStarts = dataclasses.field(default_factory=dict)
 
     @property
     def person(self) -> bool:
