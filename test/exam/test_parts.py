@@ -1,5 +1,6 @@
 """An exam of many episodes: driven in parts, by however many workers, in whatever order they end."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,15 +9,17 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vpsci_ros.documents import read_json
 from vpsci_ros.exam import conduct
 from vpsci_ros.exam import exam as exam_module
 from vpsci_ros.exam.conduct import run_with_all
+from vpsci_ros.exam.conduct_exam import timed_runs
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.result import Conduct, RunResult, label_of
 from vpsci_ros.exam.view import stored_episodes
-from vpsci_ros.runs.workers import ThisMachine
+from vpsci_ros.runs.workers import Serial, ThisMachine
 
 Small = Callable[..., Exam]
 DIES_ONCE = """
@@ -91,6 +94,27 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
     assert {name: len(run.episodes) for name, run in found.items()} == {"alone": 2, "learned": 0}
     assert found["alone"].conduct == Conduct(4, refused=2)
     assert found["learned"].conduct == Conduct(4, refused=1, failure="it died")
+
+
+def test_the_workers_of_the_empty_road_drive_the_pedestrians_too(
+    small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Timing comes between the two, and travels with each order: workers whose job had it would have to start anew."""
+    started: list[Serial[conduct.Order, None]] = []
+
+    def serial(job: Callable[[], Callable[[conduct.Order], None]], _: int) -> Serial[conduct.Order, None]:
+        started.append(Serial(job))
+        return started[-1]
+
+    monkeypatch.setattr("vpsci_ros.runs.workers.Processes", serial)
+    exam = small_exam(episode_time=30.0)
+    own = dataclasses.replace(exam, config=dataclasses.replace(exam.config, timing="own"))
+    runs, timing = timed_runs(own, tmp_path, workers=ThisMachine(2), quiet=True)
+    assert len(started) == 1
+    assert list(runs) == ["alone", "learned", "walker"]
+    assert any(timed.head_start for timed in timing.values())
+    stored = read_json(tmp_path / "runs" / "walker" / "1" / "result.json")
+    assert stored["head_starts"] == [[timed.head_start, timed.straight] for timed in timing.values()]
 
 
 def test_an_episode_has_the_same_recorded_person_in_whatever_part_it_is_driven(small_exam: Small, here: None) -> None:
