@@ -197,7 +197,7 @@ def episodes_in(
     :param rows: of whole episodes; `path`: of their file, the opening of an error message.
     :param listed: metadata of the wanted episodes, `kinds` of their pedestrians, and `marks`, by their keys.
     :param roads: scenarios by name.
-    :raises InvalidInput: frames that do not count from 0 for each pedestrian.
+    :raises InvalidInput: frames that do not count from 0 for each pedestrian, or pedestrians of unequal lengths.
     """
     values = rows.select(pl.col(*QUANTITIES).cast(pl.Float64)).to_numpy()
     for key, begin, end, people in _pieces(rows, path):
@@ -214,12 +214,23 @@ def _pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[Key, int, int, int
         return
     changes = np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0])
     starts = np.flatnonzero(changes)
-    expected = np.arange(len(count)) - np.repeat(starts, np.diff(np.append(starts, len(count))))
+    lengths = np.diff(starts, append=len(count))
+    expected = np.arange(len(count)) - np.repeat(starts, lengths)
     if not np.array_equal(expected, frame):
         row = int(np.argmax(expected != frame))
         raise InvalidInput(f"{path}: frame {frame[row]} of episode {count[row]}: expected frame {expected[row]}")
-    first = np.flatnonzero(walker[starts] % NEXT_SCENARIO // NEXT_PEDESTRIAN == 0)  # of the starts, an episode's
-    several = np.diff(np.append(first, len(starts)))
+    number = walker[starts] % NEXT_SCENARIO // NEXT_PEDESTRIAN
+    first = np.flatnonzero(np.diff(scenario[starts], prepend=-1) | np.diff(count[starts], prepend=-1))
+    several = np.diff(first, append=len(starts))
+    wanted, place = np.repeat(lengths[first], several), np.arange(len(starts)) - np.repeat(first, several)
+    for what, right, got in (("its number", place, number), ("the number of its frames", wanted, lengths)):
+        if (wrong := np.flatnonzero(got != right)).size:
+            piece = wrong[0]
+            key = f"{scenario[starts[piece]]}:{count[starts[piece]]}"
+            raise InvalidInput(
+                f"{path}: episode {key}, pedestrian {number[piece]}: expected {what} to be {right[piece]}, got "
+                f"{got[piece]}; rows are missing or lie apart, so make the file again"
+            )
     begins = np.append(starts[first], len(count))
     keys = zip(scenario[begins[:-1]].tolist(), count[begins[:-1]].tolist(), strict=True)
     for key, (begin, end), people in zip(keys, itertools.pairwise(begins.tolist()), several.tolist(), strict=True):
