@@ -14,7 +14,8 @@ from pathlib import Path
 import polars as pl
 
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.learning.online import BEST, LOG
+from vpsci_ros.learning.online import LOG
+from vpsci_ros.learning.refine import WEIGHTS
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
 
@@ -40,7 +41,7 @@ def main() -> None:
             print(f"  {row['episodes']:5d}, {row['updates']:5d}; {share}; {100 * row[GOALS]:.1f}%; {row[ERROR]:.2f} m")
         (line,) = axis.plot(log[ERROR], 100.0 * log[COLLISIONS], ".-", linewidth=1.0, label=name)
         axis.plot(log[ERROR][-1], 100.0 * log[COLLISIONS][-1], "o", color=line.get_color())
-        control = load_weights(Path(folder) / BEST).facts["held_out"]["control"]["closed_loop_ade"]
+        control = load_weights(Path(folder) / WEIGHTS).facts["held_out"]["control"]["closed_loop_ade"]
         print(f"  the last velocity repeated: {control:.2f} m")
         axis.axvline(control, color=line.get_color(), linestyle="--", linewidth=0.8)
     axis.set(xlabel="closed-loop ADE on held-out clips [m]", ylabel="collisions in the validation world [%]")

@@ -7,7 +7,6 @@ import torch
 
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
 from vpsci_ros.evaluation.held_out import HeldOut
-from vpsci_ros.learning import online
 from vpsci_ros.learning.maddpg import UNIT
 from vpsci_ros.learning.online import refine
 from vpsci_ros.learning.refine import Refiner
@@ -210,28 +209,7 @@ def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, 
     assert load_weights(tmp_path / "whole" / "refined.safetensors").facts["learned"]["updates"] > 3
     log = (tmp_path / "whole" / "refine_log.csv").read_text().splitlines()
     assert len(log) == 3
-    assert "collision_rate" in log[0]
-
-
-def test_the_best_weights_are_those_with_the_most_goals_less_twice_the_collisions_in_the_validation_world(
-    tmp_path, networks, near_misses, monkeypatch
-):
-    """Four portions of one batch-4 step each, validated one by one; the second has the best score, 0.9 - 0.2."""
-    monkeypatch.setattr(online, "VALIDATE_EVERY", 1)
-    rates, acting = iter([(0.8, 0.2), (0.9, 0.1), (0.9, 0.2), (0.7, 0.0)]), []
-
-    def validation(simulation, weights):
-        goal, collision = next(rates)
-        acting.append(weights.digest())
-        return {"validation_goal_rate": goal, "validation_collision_rate": collision}
-
-    monkeypatch.setattr(online, "validation_rates", validation)
-    simulation = SimulationConfig(load_scenarios([1, 6]), [(s, e) for e in range(8) for s in (1, 6)], batch=1, seed=3)
-    refine(near_misses, QUICK, networks(gain=1.0).weights({}, {}), simulation, out_dir=tmp_path)
-    assert len(set(acting)) > 1
-    assert load_weights(tmp_path / "best.safetensors").digest() == acting[1]
-    goals = pl.read_csv(tmp_path / "refine_log.csv")["validation_goal_rate"].to_list()
-    assert goals == [0.8, 0.9, 0.9, 0.7]
+    assert {"collision_rate", "validation_collision_rate"} < set(log[0].split(","))
 
 
 def test_a_checkpoint_of_another_simulation_is_refused(tmp_path, networks, near_misses):

@@ -49,7 +49,7 @@ def refine(
 ) -> None:
     """Train in simulation (stage 2), starting from the weights of the parameter learner.weights.
 
-    Writes refined.safetensors, best.safetensors (of a validation world), refine_log.csv, learning.png (Figure 6),
+    Writes refined.safetensors, refine_log.csv, learning.png (Figure 6),
     params.yaml and run.json. The same command resumes a stopped run, to the
     same result. `vpsci graph` runs the same stage through the nodes.
     """

@@ -1,6 +1,5 @@
 """Stage 2 in one process: world, monitor, policies and learner called in turn, as the graph of nodes runs them."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +14,11 @@ from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.simulation_config import SimulationConfig
-from vpsci_ros.policy.weights import Weights, save_weights
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.loop import Loop
 
-LOG, EPISODES, BEST = "refine_log.csv", "refine_episodes.csv", "best.safetensors"
+LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"
 VALIDATION_SEED = 4242  # of the validation world, whose other parameters are those of training
 VALIDATION_EPISODES = 50  # of each scenario, or as many as training has
 VALIDATE_EVERY = 3  # portions
@@ -35,14 +34,12 @@ def refine(
     out_dir: str | Path,
     report: Callable[[Report], None] | None = None,
 ) -> Weights:
-    """Simulate episodes, learn from them, and write `refined.safetensors`, `best.safetensors` and logs to `out_dir`.
+    """Simulate episodes, learn from them, and write `refined.safetensors` and logs to `out_dir`.
 
     Episodes run in portions of four batches; from a checkpoint after each portion a stopped run resumes to the same
     result. The training ends early where the convergence test of section 4.1 is passed. After every third portion and
-    the last one the mean actors act in a validation world without exploration (`validation_...` in the log): `best` has
-    the mean actors with the highest share of episodes with both goals, less twice the share of collisions and twice the
-    share by which the closed-loop error on training near misses is above its limit; `refined` has the mean actors at
-    the end.
+    the last one the mean actors act in a validation world without exploration (`validation_...` in the log); nothing is
+    chosen by it.
 
     :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
@@ -55,13 +52,13 @@ def refine(
     learner_seed = simulation.seed if learner_seed is None else learner_seed
     refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
     identity, episodes = simulation.identity(), simulation.episodes
-    portion, done, rows, best = 4 * simulation.batch, 0, [], -math.inf
+    portion, done, rows = 4 * simulation.batch, 0, []
     outcomes = Outcomes(simulation.world, simulation.scenarios)
     builder = TransitionBuilder(simulation.world, simulation.scenarios)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})
-        done, rows, best = extra["done"], extra["rows"], extra["best"]
+        done, rows = extra["done"], extra["rows"]
         outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
     while done < len(episodes) and not refiner.finished:
         part = episodes[done : done + portion]
@@ -69,13 +66,8 @@ def refine(
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
         if done % (VALIDATE_EVERY * portion) == 0 or done == len(episodes) or refiner.finished:
-            rows[-1] |= (rates := validation_rates(simulation, refiner.averaged()))
-            score = rates["validation_goal_rate"] - 2.0 * rates["validation_collision_rate"]
-            score -= 2.0 * max(0.0, rows[-1].get("closed_loop_error", 0.0) / config.closed_loop.limit - 1.0)
-            if score > best:
-                best = score
-                save_weights(out_dir / BEST, refiner.averaged())
-        extra = {"done": done, "rows": rows, "simulation": identity, "best": best}
+            rows[-1] |= validation_rates(simulation, refiner.averaged())
+        extra = {"done": done, "rows": rows, "simulation": identity}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         write_log(out_dir / LOG, rows)
         write_log(out_dir / EPISODES, refiner.progress.episode_returns)
