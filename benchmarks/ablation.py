@@ -142,8 +142,8 @@ def main() -> None:
         for seed in given.seeds:
             log = pl.read_csv(given.output / f"{name}_{seed}" / LOG)
             last = log.filter(pl.col("validation_collision_rate").is_not_null()).tail(LAST)
-            rates = last.select(RATES).mean().row(0)
-            print(line(name, seed, rates, last["validation_critical_episodes"].sum()), flush=True)
+            rates = [float(rate) for rate in last.select(RATES).mean().row(0)]
+            print(line(name, seed, rates, float(last["validation_critical_episodes"].sum())), flush=True)
             points.append((name, 100.0 * rates[0], rates[2]))
     save_front(points, given.output / "front.png")
 

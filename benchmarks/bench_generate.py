@@ -1,6 +1,6 @@
 """Kept episodes per hour, end to end with files written, the ratio to the paper's 244, and where the time goes.
 
-    python benchmarks/bench_generate.py [--weights refined] [--episodes 200] [--workers 2] [--batches]
+    python benchmarks/bench_generate.py [--weights ma_sst_ddpg] [--episodes 200] [--workers 2] [--batches]
                                              [--graph] [--json FILE]
 
 `--episodes` are kept ones in each of the eight scenarios. The first part is a run of `vpsci generate` as it is. The
@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
 from vpsci_ros.generate import simulate
 from vpsci_ros.generate.generate_dataset import PARALLEL, generate, part_writers
@@ -57,7 +58,7 @@ class Stopwatches:
             self.actor_steps += int(active.sum())
             return original(actor, *args)
 
-        StreamingActor.step = counted  # type: ignore[method-assign]
+        StreamingActor.step = counted  # type: ignore[method-assign, assignment]
 
     def watch(self, owner: Any, name: str, part: str) -> None:
         """Time each call of `owner.name`, as a share of `part`."""
@@ -197,8 +198,8 @@ def main() -> None:
     watches.watch(PolicyAgent, "act", "policy")
     watches.watch(loop, "assess", "CurvTTC")
     watches.watch(World, "advance", "world")
-    watches.watch(simulate.EpisodeFrames, "store", "collecting")
-    watches.watch(simulate.EpisodeFrames, "take", "collecting")
+    watches.watch(EpisodeFrames, "store", "collecting")
+    watches.watch(EpisodeFrames, "take", "collecting")
     watches.watch(simulate, "apply_filters", "collecting")
     watches.watch(simulate, "concat_blocks", "collecting")
     tables = []

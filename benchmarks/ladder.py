@@ -50,7 +50,7 @@ class Blind:
 
     def cruise(self, observation: Any) -> float:
         """Return the acceleration [m/s2] that brings the car to its speed."""
-        return min(FULL_THROTTLE, max(-FIRMEST, 2.0 * (self.speed - observation.vehicle.speed)))
+        return float(min(FULL_THROTTLE, max(-FIRMEST, 2.0 * (self.speed - observation.vehicle.speed))))
 
 
 class Brakes(Blind):
@@ -77,7 +77,7 @@ def braking(car: Any, walker: Any) -> float:
     soon = any(abs(left + aside * 0.1 * step) < HALF_WIDTH + BESIDE for step in range(int(10.0 * SIGHT)))
     if not (soon and -HALF_LENGTH < ahead < way):
         return 0.0
-    return min(FIRMEST, max(2.0, 0.5 * car.speed**2 / max(0.3, ahead - 1.5)))
+    return float(min(FIRMEST, max(2.0, 0.5 * car.speed**2 / max(0.3, ahead - 1.5))))
 
 
 class Polite(Blind):
@@ -161,6 +161,10 @@ def rule_based(episodes: int) -> pl.DataFrame:
     return pl.concat([*tables, away], how="diagonal")
 
 
+def _mean(values: pl.Series) -> float:
+    return float(values.to_numpy().mean())
+
+
 def row(title: str, timing: str, pedestrian: str, table: pl.DataFrame) -> str:
     """Return one row of the table."""
     rows, alone = table.filter(pedestrian=pedestrian), table.filter(pedestrian=ALONE)
@@ -168,10 +172,10 @@ def row(title: str, timing: str, pedestrian: str, table: pl.DataFrame) -> str:
     standing = rows.filter(pl.col("collision") & ~pl.col("moving_collision")).height
     hit = share(moving.height, rows.height)
     cells = [
-        title, timing, title_of(pedestrian).split(",")[0], rows.height, f"{100 * rows['critical'].mean():.0f}%",
+        title, timing, title_of(pedestrian).split(",")[0], rows.height, f"{100 * _mean(rows['critical']):.0f}%",
         f"{100 * hit.value:.0f}% [{100 * hit.low:.0f}, {100 * hit.high:.0f}]",
-        f"{moving['impact_speed'].mean():.1f}" if moving.height else "-", f"{100 * standing / rows.height:.0f}%",
-        f"{100 * rows['arrived'].mean():.0f}%", f"{lost.mean():.1f}" if len(lost) else "-",
+        f"{_mean(moving['impact_speed']):.1f}" if moving.height else "-", f"{100 * standing / rows.height:.0f}%",
+        f"{100 * _mean(rows['arrived']):.0f}%", f"{_mean(lost):.1f}" if len(lost) else "-",
         "" if alone["arrived"].all() else "fails: does not arrive on the empty road",
     ]  # fmt: skip
     return f"| {' | '.join(str(cell) for cell in cells)} |"

@@ -1,6 +1,6 @@
 """How scenes begin: onsets of the world beside recorded ones, and the numbers that `world.calibration` draws from.
 
-    python benchmarks/onsets.py near_misses.parquet [--episodes 60] [--spawn human paper] [--weights refined]
+    python benchmarks/onsets.py near_misses.parquet [--episodes 60] [--spawn human paper] [--weights ma_sst_ddpg]
                                      [--seed 7] [--picture docs/onsets.png]
     python benchmarks/onsets.py right_turns/train --spawn right_turns --rows vpsci_ros/recordings/onsets.csv
 
@@ -20,7 +20,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.evaluation.onsets import STEPS, find_onsets
-from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, resampled, share, units_of
+from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, quantile, resampled, share, units_of
 from vpsci_ros.extras.paper.realism.long_run import SETS_OFF, STANDS
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.policy.agent import policies
@@ -34,7 +34,7 @@ from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 TRACK = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx", "ped_vy")
-STATE = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
+STATE: tuple[str, ...] = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
 STATE += ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy", "controlled", "episode", "scenario")
 SECOND, LEAST = 10, 5  # steps over which accelerations are measured, as many as there are; fewest that there must be
 GAIN = 0.5  # [m/s]
@@ -155,9 +155,9 @@ def generated(config: WorldConfig, episodes: int, weights: str, seed: int) -> tu
                 seen.setdefault(key, []).append((*values, float(step.assessment.curvttc[i])))
     rows, critical = [], 0
     for (scenario, number), track in seen.items():
-        values = np.array(track)
-        critical += bool((values[:, 8] < CRITICAL_TTC).any())
-        onset = onset_of(values[:, :8], values[:, 8], (VEHICLE_LENGTH, VEHICLE_WIDTH))
+        motion = np.array(track)
+        critical += bool((motion[:, 8] < CRITICAL_TTC).any())
+        onset = onset_of(motion[:, :8], motion[:, 8], (VEHICLE_LENGTH, VEHICLE_WIDTH))
         if onset is not None:
             jumps = _jumps(np.array(accelerations[scenario, number]))
             rows.append(onset | jumps | {"clip": f"{scenario}:{number}"})
@@ -228,7 +228,7 @@ def compare(name: str, mine: pl.DataFrame, real: pl.DataFrame, shares: dict[str,
         values = [share(int(table.filter(part).height), table.height) for table in (mine, real)]
         print(f"  {what}: " + " against ".join(f"{v.value:.1%} [{v.low:.1%}, {v.high:.1%}]" for v in values))
     for what, column, q in _QUANTILES:
-        quantiles = [resampled(t[column].to_numpy(), lambda v, q=q: np.quantile(v, q, axis=-1)) for t in (mine, real)]
+        quantiles = [resampled(t[column].to_numpy(), quantile(q)) for t in (mine, real)]
         print(f"  {what}: " + " against ".join(f"{v.value:.2f} [{v.low:.2f}, {v.high:.2f}]" for v in quantiles))
     for agent in ("car", "walk"):
         jumps = mine[f"{agent}_jump"].drop_nans().to_numpy()
@@ -237,9 +237,9 @@ def compare(name: str, mine: pl.DataFrame, real: pl.DataFrame, shares: dict[str,
     held = units(real).labels, mine["clip"].to_numpy().astype(str)
     for what, columns in SETS.items():
         sides = {c: real[c].to_numpy() for c in columns}, {c: mine[c].to_numpy()[:, None] for c in columns}
-        found = two_sample(sides[0], [sides[1]], held, seed, paired=False)
-        low, high = found.auc_interval
-        print(f"  C2ST of the onset, {what}: {found.auc:.2f} [{low:.2f}, {high:.2f}]")
+        test = two_sample(sides[0], [sides[1]], held, seed, paired=False)
+        low, high = test.auc_interval
+        print(f"  C2ST of the onset, {what}: {test.auc:.2f} [{low:.2f}, {high:.2f}]")
 
 
 _SHARES = {

@@ -146,8 +146,8 @@ def main() -> None:
     if near_misses is not None:
         vehicle, pedestrian, count = recorded_slowing(eligible(near_misses))
         print(f"recorded: slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {count}")
-        seen = eligible(near_misses)
-        walks = [seen.motion[i, seen.first[i] : seen.last[i] + 1, 5:9] for i in range(len(seen))]
+        whole = eligible(near_misses)
+        walks = [whole.motion[i, whole.first[i] : whole.last[i] + 1, 5:9] for i in range(len(whole))]
         print(f"  aside of its line: {_spread([sideways(walk) for walk in walks])}")
         rows = np.arange(len(near_misses))
         onset, least = near_misses.curvttc[rows, near_misses.first], near_misses.curvttc.min(axis=1)
@@ -188,7 +188,7 @@ def _spread(distances: ArrayLike) -> str:
 
 
 def _quartiles(values: ArrayLike) -> str:
-    return ", ".join(f"{q:.2f} s" for q in np.percentile(values, (25, 50, 75)))
+    return ", ".join(f"{q:.2f} s" for q in np.percentile(np.asarray(values), (25, 50, 75)))
 
 
 if __name__ == "__main__":

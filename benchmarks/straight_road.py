@@ -80,7 +80,7 @@ def handed_over(engine: str, count: int, scenarios: list[Path]) -> list[bool]:
             super().__init__(*given, **named)
             made.append(self)
 
-    example.Pedestrian = Kept
+    vars(example)["Pedestrian"] = Kept
     with tempfile.TemporaryDirectory() as folder:
         if engine == "sumo":
             net = example.network(Path(folder))

@@ -35,6 +35,8 @@ COLOURS = {"our": "#a50f15", "SUMO's": "#08519c"}
 
 def example() -> ModuleType:
     spec = importlib.util.spec_from_file_location("sumo_crossing", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -57,7 +59,8 @@ def measured(sumo: ModuleType, rows: NDArray[np.float64]) -> dict[str, float]:
 
 def played(count: int) -> tuple[list[dict[str, Any]], dict[str, NDArray[np.float64]]]:
     """Return a row an episode, and the motion of the first one in which both pedestrians and the car come near."""
-    sumo, episodes, shown = example(), [], {}
+    sumo, episodes = example(), list[dict[str, Any]]()
+    shown: dict[str, NDArray[np.float64]] = {}
     with tempfile.TemporaryDirectory() as folder, Bars() as bars:
         net, number = sumo.network(Path(folder)), 0
         while len(episodes) < count:
@@ -143,7 +146,7 @@ def main() -> None:
     for name in ("curvttc", "car_lost", "walker_lost"):
         both = np.array([[row[who][name] for who in WHO] for row in episodes]).T
         both = both[:, np.isfinite(both).all(axis=0)]
-        e = resampled_difference(*both, quantile(0.5))
+        e = resampled_difference(both[0], both[1], quantile(0.5))
         print(f"median {name}, ours less SUMO's: {e.value:.2f} [{e.low:.2f}, {e.high:.2f}] s (n = {e.n})")
     if given.output:
         whole = {"software": software_versions(), "summary": found, "episodes": episodes}

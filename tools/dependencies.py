@@ -51,9 +51,10 @@ def licence(metadata: dict[str, Any]) -> str:
 def installed(name: str, field: str) -> str:
     """Return a field of the installed package's metadata, which older releases of pip leave out of their report."""
     try:
-        return str(importlib.metadata.metadata(name).get(field, ""))
+        found = importlib.metadata.metadata(name)
     except importlib.metadata.PackageNotFoundError:
         return ""
+    return str(found[field]) if field in found else ""
 
 
 def reasons(items: list[dict[str, Any]], root: str) -> dict[str, list[str]]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from beside import AFTER, BEFORE, View, draw_at_random
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
@@ -153,8 +154,10 @@ def pictures(recorded: Sequence[Drawn], generated: Sequence[Drawn], corners: pl.
         for panel in panels:
             panel.show(frame)
         figure.set_dpi(100)
-        figure.canvas.draw()
-        made.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()))
+        canvas = figure.canvas
+        assert isinstance(canvas, FigureCanvasAgg)
+        canvas.draw()
+        made.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))
     return made
 
 
@@ -170,12 +173,17 @@ def main() -> None:
     tables = reference.clean(near_misses), as_near_misses(dataset, 400, given.seed)
     recorded, generated = map(whole, tables)
     recorded = recorded.filter((pl.col("interaction") == pl.col("interaction").first()).over("source", "clip"))
-    chosen = [draw_at_random(table, name, given.seed, EACH)
-              for name, table in (("recorded", recorded), ("generated", generated))]  # fmt: skip
+    above = draw_at_random(recorded, "recorded", given.seed, EACH)
+    below = draw_at_random(generated, "generated", given.seed, EACH)
     roads = {one.name: one for one in every_scenario(dataset.description.get("own_scenarios"))}
-    made = pictures(*chosen, near_misses, roads)
+    made = pictures(above, below, near_misses, roads)
     durations = [round(1000 * STEP)] * (len(made) - 1) + [round(1000 * HOLD)]
-    small = {"quality": 50, "method": 4, "kmin": 100, "kmax": 200}  # one key frame: the rest are differences
+    small: dict[str, Any] = {
+        "quality": 50,
+        "method": 4,
+        "kmin": 100,
+        "kmax": 200,
+    }  # one key frame: the rest are differences
     made[0].save(given.output, save_all=True, append_images=made[1:], duration=durations, loop=0, **small)
     print(f"written: {given.output}, {given.output.stat().st_size / 1e6:.2f} MB")
 

@@ -48,7 +48,8 @@ PATIENCE = 600.0  # [s] for one run of the graph
 
 def telling_episode(sections: Sections, scenario: int, look: int) -> tuple[int, str, float]:
     """Return number, outcome and least CurvTTC [s] of the episode to record."""
-    found, critical = {}, Counter()
+    found: dict[int, tuple[int, float]] = {}
+    critical = Counter[int]()
     for step in Simulator(job_from(sections), 64).loop((scenario, number) for number in range(look)):
         state = step.tick.state
         critical.update(state["episode"][step.assessment.critical != 0].tolist())

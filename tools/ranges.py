@@ -9,6 +9,7 @@ Each point is a recorded onset of a near-miss table; the box is the range of the
 import argparse
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from vpsci_ros.data.near_misses import read_near_misses
@@ -50,7 +51,7 @@ def main() -> None:
     axis.set_ylim(0.0, float(np.ceil(axis.get_ylim()[1])))
     axis.legend(fontsize=7, frameon=False)
     figure = axis.get_figure()
-    assert figure is not None
+    assert isinstance(figure, Figure)
     save_png(figure, arguments.output)
 
 

@@ -80,7 +80,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return markdown if page.file.src_uri.startswith(("api/", "commands")) else _LINK.sub(mend, markdown)
 
 
-class Docstrings(griffe.Extension):
+class Docstrings(griffe.Extension):  # type: ignore[misc]
     """Has docstrings read as they are meant: "float64[T] [m/s]" is no link, ":param x, y:" describes two parameters."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:

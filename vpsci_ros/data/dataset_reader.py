@@ -226,9 +226,9 @@ def _pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[Key, int, int, int
     for what, right, got in (("its number", place, number), ("the number of its frames", wanted, lengths)):
         if (wrong := np.flatnonzero(got != right)).size:
             piece = wrong[0]
-            key = f"{scenario[starts[piece]]}:{count[starts[piece]]}"
+            name = f"{scenario[starts[piece]]}:{count[starts[piece]]}"
             raise InvalidInput(
-                f"{path}: episode {key}, pedestrian {number[piece]}: expected {what} to be {right[piece]}, got "
+                f"{path}: episode {name}, pedestrian {number[piece]}: expected {what} to be {right[piece]}, got "
                 f"{got[piece]}; rows are missing or lie apart, so make the file again"
             )
     begins = np.append(starts[first], len(count))
