@@ -1,9 +1,9 @@
-"""The paper's studies (Tables 3, 5, 9), section 4 and Turing test, its authors' files, and measures of realism.
+"""The paper's studies (Tables 3, 9), section 4 and Turing test, its authors' files, and measures of realism.
 
 In reading order:
 
 * `study_commands`: the commands `vpsci study`, `vpsci turing` and `vpsci published`
-* `published`: values published in the paper: Tables 3, 5, 9 and 11
+* `published`: values published in the paper: Tables 3, 9 and 11
 * `published_dataset`: importers of the data that the paper's authors publish
 * `published_tables`: the authors' dataset as they publish it: CSV files named as in Table 6
 * `models`: the models of the paper's Table 9, found by entry points, and their layers in place of the SST's

@@ -1,4 +1,4 @@
-"""Values published in the paper: Tables 3, 5, 9 and 11."""
+"""Values published in the paper: Tables 3, 9 and 11."""
 
 from typing import NamedTuple
 
@@ -11,16 +11,6 @@ class PublishedSample(NamedTuple):
     critic_loss: float
 
 
-class PublishedWeighting(NamedTuple):
-    """A row of the paper's Table 5: w_1 to w_3 (empty: adaptive), rates from 0 to 1, errors [m]."""
-
-    weights: tuple[float, ...]
-    collision_rate: float
-    goal_rate: float
-    ade: float
-    fde: float
-
-
 TABLE_3 = {  # interactions -> row
     50: PublishedSample(-6.83, -7.21, 0.4812),
     100: PublishedSample(-5.47, -6.03, 0.3654),
@@ -28,16 +18,6 @@ TABLE_3 = {  # interactions -> row
     200: PublishedSample(-2.14, -3.67, 0.1124),
     250: PublishedSample(-2.09, -3.61, 0.1098),
     336: PublishedSample(-1.94, -3.52, 0.1073),
-}
-TABLE_5 = {
-    "equal": PublishedWeighting((0.33, 0.33, 0.33), 0.184, 0.712, 0.214, 0.423),
-    "safety": PublishedWeighting((0.60, 0.20, 0.20), 0.121, 0.743, 0.187, 0.371),
-    "goal": PublishedWeighting((0.20, 0.60, 0.20), 0.217, 0.786, 0.231, 0.458),
-    "speed": PublishedWeighting((0.20, 0.20, 0.60), 0.153, 0.728, 0.196, 0.389),
-    "safety_goal": PublishedWeighting((0.45, 0.45, 0.10), 0.138, 0.764, 0.179, 0.354),
-    "safety_speed": PublishedWeighting((0.45, 0.10, 0.45), 0.112, 0.731, 0.163, 0.321),
-    "goal_speed": PublishedWeighting((0.10, 0.45, 0.45), 0.235, 0.779, 0.248, 0.491),
-    "adaptive": PublishedWeighting((), 0.083, 0.812, 0.072, 0.142),
 }
 
 

@@ -29,7 +29,7 @@ Workers = Annotated[
 study_app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="The paper's Tables 3, 5 and 9, cross-validation, and all its figures and tables.",
+    help="The paper's Tables 3 and 9, cross-validation, and all its figures and tables.",
     short_help="Repeat the paper's studies, tables and figures.",
     rich_help_panel="Measure",
 )
@@ -203,55 +203,6 @@ def models(
 
 @study_app.command()
 @writes_folder
-def weights(
-    params: Params,
-    output: Resumable,
-    near_misses: NearMisses = None,
-    weightings: Annotated[
-        str | None, typer.Option(metavar="NAME,...", help="Weightings of Table 5; default: all.")
-    ] = None,
-    fresh_episodes: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario for measuring rates.")
-    ] = 200,
-    fresh_seed: Annotated[
-        int, typer.Option(min=0, help="Seed of these episodes, another one than in training.")
-    ] = 1000,
-    settings: Settings = None,
-    workers: Workers = None,
-    cluster: Cluster = None,
-    mixed_cpus: MixedCpus = False,
-    quiet: Quiet = False,
-) -> None:
-    """Repeat Table 5: stage 2 with seven fixed reward weightings and the adaptive one, beside the paper's values.
-
-    All start from learner.weights. Collision and goal rates, with 95%
-    intervals, are measured after training, on fresh episodes without
-    exploration; ADE and FDE by both protocols on held-out clips. Controls are
-    the weights at the start, and acceleration 0. Writes table_5.csv,
-    table_5.png, run.json and a folder for each weighting. The same command
-    resumes a stopped study (Ctrl-C); finished weightings are not trained again.
-
-    In full, with params/stage2_online.yaml: hours on one core. For a test of
-    a minute: --weightings equal,adaptive --fresh-episodes 5
-    --set world_simulator.episodes=4 --set learner.refresh_every=5
-    """
-    from vpsci_ros.extras.paper.studies.run_studies import run_weight_study
-
-    site = site_of(workers, cluster, mixed_cpus)
-    with stoppable(output):
-        run_weight_study(
-            read_sections(params, settings, near_misses),
-            output,
-            given_names(weightings or "", "--weightings"),
-            fresh_episodes=fresh_episodes,
-            fresh_seed=fresh_seed,
-            site=site,
-            quiet=quiet,
-        )
-
-
-@study_app.command()
-@writes_folder
 def paper(
     dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")],
@@ -269,7 +220,7 @@ def paper(
 
     Figures 4, 5, 7 to 9, 11 to 13 and Tables 6, 7, 10 come from the dataset,
     recorded near misses and a dataset of the rule-based pair (`vpsci report
-    --help` has its command). Figures 6, 10 and Tables 3, 5, 9, 11 come from
+    --help` has its command). Figures 6, 10 and Tables 3, 9, 11 come from
     the runs of --run. The page lists missing parts with their commands.
     Writes paper.html, paper.json and figure_N.png.
     """

@@ -16,9 +16,9 @@ from vpsci_ros.extras.paper.turing.result_page import write_result
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Folders as stage 2, the studies of Tables 3 and 5, and the Turing test leave them."""
+    """Folders as stage 2, the study of Table 3, and the Turing test leave them."""
     folder = tmp_path_factory.mktemp("runs")
-    for name in ("refine", "samples", "weights"):
+    for name in ("refine", "samples"):
         (folder / name).mkdir()
     rewards = {"episode": range(40), "vehicle": np.linspace(-9.0, -2.0, 40), "pedestrian": np.linspace(-9.0, -4.0, 40)}
     pl.DataFrame(rewards).write_csv(folder / "refine/refine_episodes.csv")
@@ -26,12 +26,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     pl.DataFrame([row, dict.fromkeys(row) | {"interactions": "repeat_velocity"}]).write_csv(
         folder / "samples/table_3.csv"
     )
-    rates = {"collision_rate": 0.048, "goal_rate": 0.92, "closed_loop_ade": 0.31}
-    pl.DataFrame([{"weights": "equal"} | rates, {"weights": "pretrained"} | rates]).write_csv(
-        folder / "weights/table_5.csv"
-    )
     write_result(simulated(np.random.default_rng(1), 12, 4), folder / "turing")
-    return [folder / name for name in ("refine", "samples", "weights", "turing")]
+    return [folder / name for name in ("refine", "samples", "turing")]
 
 
 def study(dataset: Path, output: Path, *more: object) -> tuple[str, str]:
@@ -52,10 +48,9 @@ def test_everything_that_is_given_is_drawn(
         assert (tmp_path / f"out/{name}.png").read_bytes().startswith(b"\x89PNG"), name
     assert page.count("data:image/png;base64,") == len(CAPTIONS)
     assert "<td>50<td>-1.50<td>-6.83" in page, "Table 3 beside the paper's"
-    assert "4.8%<td>18.4%" in page, "Table 5 beside the paper's"
     assert "LocationA_PedCross_S-N<td>4<td>20,066" in page, "Table 10 beside the paper's"
     assert "<td>-13.5<td>" in page, "Table 11 beside the paper's"
-    assert json.loads((tmp_path / "out/paper.json").read_text())["table_5"][0]["goal_rate"] == 0.92
+    assert json.loads((tmp_path / "out/paper.json").read_text())["table_3"][0]["vehicle_reward"] == -1.5
 
 
 def test_what_is_not_given_is_named_and_a_folder_of_nothing_refused(

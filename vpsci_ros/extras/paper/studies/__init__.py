@@ -1,9 +1,9 @@
-"""The paper's studies: Tables 3, 5 and 9 beside its values, and cross-validation by clip; each can be resumed.
+"""The paper's studies: Tables 3 and 9 beside its values, and cross-validation by clip; each can be resumed.
 
 In reading order:
 
-* `run_studies`: studies of learning as commands: Tables 3, 5 and 9 beside the paper's values, and cross-validation
-* `learning`: Tables 3 and 5 of the paper: how much real data stage 1 needs, and how stage 2 should weight its rewards
+* `run_studies`: studies of learning as commands: Tables 3 and 9 beside the paper's values, and cross-validation
+* `learning`: Table 3 of the paper: how much real data stage 1 needs
 * `model_comparison`: Table 9 on given near misses: all of the table's models, with and without hybrid learning
 * `model_table`: each row of Table 9 on held-out clips, pooled over folds and seeds
 * `cross_validation`: Cross-validation of stages 1 and 2: errors on each clip while it is held out, each clip once
@@ -11,7 +11,7 @@ In reading order:
 * `networks`: the training of each network of `policy.models` for `vpsci study models`
 * `trials`: tuning of the step sizes (learning rates) for each row of Table 9, on a part of its training clips
 * `state`: the stored results of a study, so that a resumed study computes only missing ones
-* `tables`: Tables 3, 5 and 9 beside the paper's values, as text and as pictures
+* `tables`: Tables 3 and 9 beside the paper's values, as text and as pictures
 * `table_9_page`: Table 9 as a page in Markdown: all columns, the main ones with intervals
 * `paper`: all figures and tables of the paper that can be drawn from a dataset and from results of other commands
 """

@@ -1,6 +1,6 @@
-"""Tables 3 and 5 of the paper: how much real data stage 1 needs, and how stage 2 should weight its rewards.
+"""Table 3 of the paper: how much real data stage 1 needs.
 
-Each configuration of a study learns in a folder of its own. A study that was stopped goes on with what is missing, and
+Each size learns in a folder of its own. A study that was stopped goes on with what is missing, and
 one that is repeated with more configurations runs only those.
 """
 
@@ -17,27 +17,21 @@ from numpy.typing import NDArray
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import NO_CLIPS, HeldOut, held_out_by, split_as_before
-from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
+from vpsci_ros.evaluation.held_out import NO_CLIPS, HeldOut, held_out_by
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
-from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5
+from vpsci_ros.extras.paper.published import TABLE_3
 from vpsci_ros.extras.paper.studies.networks import Report
 from vpsci_ros.extras.paper.studies.state import StudyReport, is_made, once, side_by_side, trained
-from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
-from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
-from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.training_config import PretrainConfig
 from vpsci_ros.policy.policy_config import NetworkConfig
-from vpsci_ros.policy.simulation_config import SimulationConfig
-from vpsci_ros.policy.weights import Weights, resolved
+from vpsci_ros.policy.weights import resolved
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.workers import HERE, Site
 from vpsci_ros.world.observation import AGENTS
 
 SAMPLE_SIZES = tuple(TABLE_3)
-WEIGHTINGS: Mapping[str, tuple[float, ...]] = {name: row.weights for name, row in TABLE_5.items()}
-UNREFINED, NO_ACCELERATION = "pretrained", "constant_velocity"  # controls of Table 5
 REPEATED, FADING = "repeat_velocity", "fading_acceleration"  # controls of Table 3
 LAST = 0.1  # share of a run's iterations at its end that count as convergence
 
@@ -125,92 +119,6 @@ class _Sizes:
             return values
         held_out = self.held_out
         return values | held_out.errors(weights) | self.rewards(PolicyPredictor(weights), held_out.interactions)
-
-
-def reward_weight_study(
-    near_misses: pl.DataFrame,
-    config: RefineConfig,
-    weights: Weights,
-    simulation: SimulationConfig,
-    *,
-    learner_seed: int,
-    fresh: Sequence[tuple[int, int]],
-    fresh_seed: int,
-    out_dir: str | Path,
-    weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
-    site: Site = HERE,
-    report: StudyReport = lambda *_: None,
-) -> pl.DataFrame:
-    """Run stage 2 under each weighting of its rewards (Table 5); return and write `table_5.csv`.
-
-    The last rows are controls: the weights that all start from, no acceleration at all, and, for the errors alone, the
-    last acceleration (`protocols.continued`). Columns: `weights`; the
-    rates of `rates_with_intervals`; ADE and FDE [m] of both protocols on the held-out clips; where there was learning,
-    the final weights by agent (`vehicle_w_collision`, ...), and `updates`, `refreshes`.
-
-    :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
-    :param simulation, learner_seed: as for `refine`.
-    :param fresh, fresh_seed: other episodes, by another seed: the rates are measured on them, without exploration.
-    :param site: where the weightings are learned.
-    :param report: called with the weighting's name and what `refine` reports.
-    :raises InvalidInput: `fresh_seed` is the seed of training, or `out_dir` holds another study.
-    """
-    if fresh_seed == simulation.seed:
-        raise InvalidInput(f"fresh episodes: expected another seed than training's, got {fresh_seed} for both")
-    out_dir = Path(out_dir)
-    resting = {a: replace(c, explore=False, seed=fresh_seed) for a, c in simulation.policies.items()}
-    measuring = replace(simulation, episodes=fresh, seed=fresh_seed, policies=resting)
-    learner = _Weightings(near_misses, config, weights, simulation, learner_seed, measuring, weightings)
-    identity, measured = learner.identity(), learner.measured
-    side_by_side(site, learner.row, [name for name in weightings if not is_made(out_dir / name)], out_dir, report)
-    rows = [{"weights": name} | learner.row(out_dir, name, report) for name in weightings]
-    errors = Refiner(config, weights, near_misses, seed=learner_seed).averaged().facts["held_out"]
-    for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
-        done = once(out_dir / name, identity, partial(measured, model))
-        rows.append({"weights": name} | done | errors[error])
-    _, held_out = split_as_before(near_misses, weights)
-    rows.append({"weights": FADING} | HeldOut(held_out).fading)
-    return _written(rows, out_dir / "table_5.csv")
-
-
-@dataclass(frozen=True)
-class _Weightings:
-    """The trainings of Table 5; see `reward_weight_study` for the fields.
-
-    :ivar measuring: the fresh episodes.
-    """
-
-    near_misses: pl.DataFrame
-    config: RefineConfig
-    weights: Weights
-    simulation: SimulationConfig
-    learner_seed: int
-    measuring: SimulationConfig
-    weightings: Mapping[str, Sequence[float]]
-
-    def identity(self) -> dict[str, Any]:
-        """Return what every row depends on, as JSON values."""
-        data = {"weights": self.weights.digest(), "data": table_hash(self.near_misses)}
-        of = {"learner_seed": self.learner_seed, "simulation": self.simulation.identity()}
-        return data | of | {"fresh": self.measuring.identity()}
-
-    def measured(self, model: Weights | None) -> dict[str, Any]:
-        """Return the rates of a model on the fresh episodes."""
-        return dict(rates_with_intervals(measure_outcomes(model, self.measuring)))
-
-    def row(self, out_dir: Path, name: str, report: StudyReport = lambda *_: None) -> dict[str, Any]:
-        """Return the row of a weighting, learned in its folder unless it is there."""
-        chosen = replace(self.config, rewards=replace(self.config.rewards, weights=list(self.weightings[name])))
-        make = partial(self._made, out_dir / name, chosen, partial(report, name))
-        return once(out_dir / name, self.identity() | resolved(chosen), make)
-
-    def _made(self, folder: Path, chosen: RefineConfig, report: Report) -> dict[str, Any]:
-        refine = partial(online.refine, self.near_misses, chosen, self.weights, self.simulation)
-        refine = partial(refine, learner_seed=self.learner_seed, out_dir=folder, report=report)
-        refined = trained(folder, WEIGHTS, CHECKPOINT, refine)
-        last = pl.read_csv(folder / online.LOG).row(-1, named=True)
-        learned = {k: v for k, v in last.items() if "_w_" in k or k in ("updates", "refreshes")}
-        return self.measured(refined) | refined.facts["held_out"]["errors"] | learned
 
 
 def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:

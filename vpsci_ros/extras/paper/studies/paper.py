@@ -1,9 +1,9 @@
 """All figures and tables of the paper that can be drawn from a dataset and from results of other commands.
 
 Figures 4, 5, 7 to 9 and 11 to 13 and Tables 6, 7 and 10 come from a dataset, from recorded near misses, and from a
-dataset of the rule-based pair, which stands for CARLA's default controller. Figures 6 and 10 and Tables 3, 5, 9 and 11
+dataset of the rule-based pair, which stands for CARLA's default controller. Figures 6 and 10 and Tables 3, 9 and 11
 are those of finished runs. Whatever was not given is named on the page, with the command that makes it. Figures 1 to 3
-and Tables 1, 2, 4 and 8 show the method, not results.
+and Tables 1, 2, 4 and 8 show the method, not results; Table 5 is not repeated (docs/paper.md).
 """
 
 import json
@@ -22,7 +22,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.published import TABLE_10
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
+from vpsci_ros.extras.paper.published import TABLE_3, TABLE_9
 from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
 from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save_nearness, save_yielding
 from vpsci_ros.extras.paper.section_4.snapshots import save_snapshots
@@ -56,7 +56,6 @@ RUNS = {  # what a finished run leaves -> what it is called here, and the comman
     "figure_10.png": ("figure_10", "vpsci turing score"),
     "turing.json": ("table_11", "vpsci turing score"),
     "table_3.csv": ("table_3", "vpsci study samples"),
-    "table_5.csv": ("table_5", "vpsci study weights"),
     "models.json": ("table_9", "vpsci study models"),
 }
 
@@ -120,7 +119,7 @@ def write_paper(
         scenarios=[(row, data.scenarios[row.name]) for row in roads],
         columns={name: EPISODE_COLUMNS[name] for name in TABLE_7},
         tables=tables,
-        published={"3": TABLE_3, "5": TABLE_5, "9": TABLE_9, "10": TABLE_10},
+        published={"3": TABLE_3, "9": TABLE_9, "10": TABLE_10},
         missing=missing,
         numbers=NUMBERS,
     )

@@ -1,4 +1,4 @@
-"""Studies of learning as commands: Tables 3, 5 and 9 beside the paper's values, and cross-validation."""
+"""Studies of learning as commands: Tables 3 and 9 beside the paper's values, and cross-validation."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -7,19 +7,14 @@ from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.cli.stage_inputs import Stage1Inputs, stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.cli.stage_inputs import Stage1Inputs, stage_1_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.extras.paper.models import ROWS
 from vpsci_ros.extras.paper.studies.cross_validation import RESULT, Refinement, cross_validate
-from vpsci_ros.extras.paper.studies.learning import (
-    SAMPLE_SIZES,
-    WEIGHTINGS,
-    reward_weight_study,
-    sample_size_study,
-)
+from vpsci_ros.extras.paper.studies.learning import SAMPLE_SIZES, sample_size_study
 from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
@@ -27,10 +22,8 @@ from vpsci_ros.extras.paper.studies.state import StudyReport
 from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import (
     print_table_3,
-    print_table_5,
     print_table_9,
     save_table_3,
-    save_table_5,
     save_table_9,
 )
 from vpsci_ros.policy.models import MODELS
@@ -211,48 +204,3 @@ def _hybrid(refine: Sections | None, simulated: Path | None, fresh_episodes: int
 def _episodes(simulation: SimulationConfig, count: int) -> list[tuple[int, int]]:
     """Return the first `count` episodes of each scenario, (scenario, number) each."""
     return [(scenario.number, number) for number in range(count) for scenario in simulation.scenarios]
-
-
-def run_weight_study(
-    sections: Sections,
-    folder: Path,
-    weightings: Sequence[str],
-    *,
-    fresh_episodes: int,
-    fresh_seed: int,
-    site: Site = HERE,
-    quiet: bool = False,
-) -> None:
-    """Run `reward_weight_study` (Table 5) in `folder`; resume a stopped study.
-
-    :param weightings: names of `WEIGHTINGS`; none: all.
-    :param fresh_episodes: simulated in each scenario, by `fresh_seed`, to measure the rates on.
-    :raises InvalidInput: a parameter, a name or an input is refused, or `folder` holds another study.
-    """
-    weightings = weightings or list(WEIGHTINGS)
-    for name in weightings:
-        if name not in WEIGHTINGS:
-            raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")
-    learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
-    facts = {
-        "study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}
-    } | mixed(site)
-    with RunFolder(folder, resolved, files, facts) as record:
-        with StageBar("weights", quiet) as bar:
-            table = reward_weight_study(
-                corpus,
-                config,
-                weights,
-                simulation,
-                learner_seed=learner.seed,
-                fresh=_episodes(simulation, fresh_episodes),
-                fresh_seed=fresh_seed,
-                out_dir=folder,
-                weightings={name: WEIGHTINGS[name] for name in weightings},
-                site=site,
-                report=lambda name, values: bar.show(values, name),
-            )
-        record.results["table_5"] = table.to_dicts()
-        save_table_5(table, folder / "table_5.png")
-    print_table_5(table, Console())
-    print(f"written: {folder / 'table_5.csv'}, table_5.png and run.json beside it")

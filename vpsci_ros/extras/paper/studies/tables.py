@@ -1,4 +1,4 @@
-"""Tables 3, 5 and 9 beside the paper's values, as text and as pictures."""
+"""Tables 3 and 9 beside the paper's values, as text and as pictures."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from rich.console import Console
 
 from vpsci_ros.evaluation.error_table import share_text
-from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
+from vpsci_ros.extras.paper.published import TABLE_3, TABLE_9
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.world.observation import AGENTS
@@ -43,43 +43,6 @@ def print_table_3(table: pl.DataFrame, console: Console) -> None:
         "Rewards and losses depend on the data, so the paper's show a trend only. Rewards in training are measured "
         "against the subset's own deviations, those on held-out clips against the whole table's. '-': all clips are "
         "needed to learn from, so none is held out. repeat_velocity and fading_acceleration are controls.",
-        highlight=False,
-    )
-
-
-def print_table_5(table: pl.DataFrame, console: Console) -> None:
-    """Print what `reward_weight_study` returned, in 80 columns; the paper's values in brackets."""
-    count = int(table["critical_episodes"].max() or 0)  # type: ignore[arg-type]
-    rates, errors = [], []
-    for row in table.iter_rows(named=True):
-        paper = TABLE_5.get(row["weights"])
-        cells = []
-        for name in ("collision", "goal") if row["collision_rate"] is not None else ():
-            low, rate, high = (100.0 * row[f"{name}_{part}"] for part in ("low", "rate", "high"))
-            cells += [f"{rate:.1f} ({low:.0f}-{high:.0f})"]
-            cells += [f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""]
-        if cells:
-            cells += [f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")]
-            rates.append((row["weights"], *cells))
-        once, loop = (
-            [f"{row[f'{protocol}_{error}']:.{digits}f}" for error in ("ade", "fde")]
-            for protocol, digits in (("reconstruction", 4), ("closed_loop", 3))
-        )
-        published = [f"[{value:.3f}]" for value in (paper.ade, paper.fde)] if paper else ["", ""]
-        name = row["weights"].replace("_", "_\n", 1).replace("acceleration", "accel.")  # so that no number is cut off
-        errors.append((name, *once, *published, *loop, *(_percents(row, agent) for agent in AGENTS)))
-    title = "fresh episodes, no exploration: share of the critical ones in % [paper's]"
-    heads = ["weights", "collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"]
-    console.print(text_table(title, heads, rates))
-    title = "held-out clips: ADE, FDE in metres [paper's, on its own data]"
-    heads = ["recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE"]
-    heads += ["w in %:\nvehicle", "\npedes-\ntrian"]
-    console.print(text_table(title, ["weights", *heads], errors))
-    console.print(
-        "Controls: pretrained is what all start from; constant_velocity accelerates nobody; fading_acceleration "
-        "repeats the last acceleration, and lets it fade in closed loop. "
-        "CurvTTC: median of the episodes' least. w: collision, goal, speed. The intervals are "
-        f"those of {count} episodes after one training each: the luck of a training's seed is not in them.",
         highlight=False,
     )
 
@@ -160,39 +123,8 @@ def save_table_3(table: pl.DataFrame, path: Path) -> None:
     save_png(figure, path, 110)
 
 
-def save_table_5(table: pl.DataFrame, path: Path) -> None:
-    """Draw rates with their intervals and held-out errors by weighting, with the paper's values, as a PNG."""
-    figure, ((collisions, goals, errors),) = new_figure(13.8, 4.2, 1, 3)
-    rows = list(table.iter_rows(named=True))[::-1]
-    places = list(range(len(rows)))
-    for axis, name, colour in ((collisions, "collision", ORANGE), (goals, "goal", GREEN)):
-        rate, low, high = ([100.0 * row[f"{name}_{part}"] for row in rows] for part in ("rate", "low", "high"))
-        spread = [[r - a for r, a in zip(rate, low, strict=True)], [b - r for r, b in zip(rate, high, strict=True)]]
-        axis.barh(places, rate, xerr=spread, color=colour, alpha=0.75, ecolor="#404040", capsize=2, label="here")
-        known = [(i, TABLE_5[row["weights"]]) for i, row in enumerate(rows) if row["weights"] in TABLE_5]
-        paper = [100.0 * getattr(published, f"{name}_rate") for _, published in known]
-        axis.plot(paper, [i for i, _ in known], "D", color="black", markersize=5, label="paper's")
-        axis.set_xlim(0.0, 100.0)
-        axis.set_xlabel("share of critical episodes [%], 95% interval", fontsize=9)
-    for shift, protocol, colour in ((0.2, "closed_loop", ORANGE), (-0.2, "reconstruction", GREEN)):
-        values = [row[f"{protocol}_ade"] / rows[0][f"{protocol}_ade"] for row in rows]
-        errors.barh([i + shift for i in places], values, 0.38, color=colour, label=protocol.replace("_", " "))
-    errors.set_xlabel("share of the control's", fontsize=9)
-    errors.set_xlim(0.0, 1.5 * errors.get_xlim()[1])  # the legend's place
-    for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "ADE on held-out clips")):
-        axis.set_yticks(places, [row["weights"] for row in rows])
-        _finish(axis, title, "")
-    save_png(figure, path, 110)
-
-
 def _size(row: Row) -> int:
     return int(row["interactions"]) if row["interactions"].isdigit() else 0
-
-
-def _percents(row: Row, agent: str) -> str:
-    """Return an agent's final weights of (27) in percent, w_1 to w_3; "-" for each where nothing learned."""
-    learned = [row.get(f"{agent}_w_{name}") for name in ("collision", "goal", "speed")]
-    return " ".join("-" if value is None else f"{100.0 * value:.0f}" for value in learned)
 
 
 def _number(value: float | None, form: str) -> str:
