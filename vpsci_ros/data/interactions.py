@@ -38,7 +38,18 @@ class Interactions:
 
     @cached_property
     def _seen_and_done(self) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
-        return seen_and_done(self.motion, self.length)
+        observations = dict(zip(AGENTS, observe_arrays(*np.moveaxis(self.motion, 2, 0)), strict=True))
+        velocities = {"vehicle": self.motion[..., 3:5], "pedestrian": self.motion[..., 7:9]}
+        actions, next_velocities = {}, {}
+        for agent in AGENTS:
+            observations[agent][~self.present] = 0.0
+            change = np.zeros_like(velocities[agent])
+            change[:, :-1] = np.diff(velocities[agent], axis=1)
+            change[~self.acted] = 0.0
+            change = arrays_to_heading_frame(self.motion[..., 2], change)
+            actions[agent] = (change / STEP).astype(np.float32)
+            next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
+        return observations, actions, next_velocities
 
     @property
     def observation(self) -> _ByAgent:
@@ -109,21 +120,3 @@ def from_rows(rows: pl.DataFrame, curvttc_column: str = "curvttc") -> Interactio
     clip = firsts.select(pl.concat_str("source", "clip", separator="/")).to_series().to_numpy().astype(object)
     group = firsts["group"].to_numpy().astype(np.int64)
     return Interactions(length, critical.argmax(axis=1), last, clip, group, motion, curvttc)
-
-
-def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
-    """Return `observation`, `action` and `next_velocity` (see `Interactions`) of a motion, float64[N, T, 9]."""
-    steps = motion.shape[1]
-    present = np.arange(steps) < length[:, None]
-    observations = dict(zip(AGENTS, observe_arrays(*np.moveaxis(motion, 2, 0)), strict=True))
-    velocities = {"vehicle": motion[..., 3:5], "pedestrian": motion[..., 7:9]}
-    actions, next_velocities = {}, {}
-    for agent in AGENTS:
-        observations[agent][~present] = 0.0
-        change = np.zeros_like(velocities[agent])
-        change[:, :-1] = np.diff(velocities[agent], axis=1)
-        change[~(np.arange(steps) < length[:, None] - 1)] = 0.0
-        change = arrays_to_heading_frame(motion[..., 2], change)
-        actions[agent] = (change / STEP).astype(np.float32)
-        next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
-    return observations, actions, next_velocities

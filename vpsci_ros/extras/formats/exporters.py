@@ -70,7 +70,6 @@ EXPORTERS = PluginGroup(
         "lanelet2": Exporter("vpsci_ros.extras.formats.lanelet2"),
         "osi": Exporter("vpsci_ros.extras.formats.osi", "formats"),
         "scenarionet": Exporter("vpsci_ros.extras.formats.scenarionet"),
-        "minari": Exporter("vpsci_ros.extras.formats.minari"),
         "mp4": Exporter("vpsci_ros.extras.formats.mp4", "formats"),
     },
 )

@@ -83,7 +83,7 @@ def road_of(episode: Episode) -> Scenario:
     if episode.scenario is None:
         raise InvalidInput(
             f"{episode.source}: episode {episode.label}: its recording does not hold the road, and this format needs "
-            "one; export it to osi, minari or mp4, which do not"
+            "one; export it to osi or mp4, which do not"
         )
     return episode.scenario
 
