@@ -107,8 +107,8 @@ EXTRAS = {
     "geo": ["pyproj>=3.6,<4"],
     # CARLA's client, whose version is that of the server.
     "carla": ["carla>=0.9.15,<0.10"],
-    # The page in which a person drives, and a running graph in Foxglove.
-    "drive": ["foxglove-sdk>=0.30,<1", "tornado>=6.4,<7"],
+    # The page in which a person drives, or watches a running graph.
+    "drive": ["tornado>=6.4,<7"],
     # `--cluster`: work on the machines of a Dask cluster. cloudpickle comes with it.
     "cluster": ["cloudpickle>=3,<4", "distributed>=2024.8,<2027"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.

@@ -26,7 +26,6 @@ _EXTRAS = {
     "commonroad": "commonroad",
     "distributed": "cluster",
     "fiss_planner": "planner",
-    "foxglove": "drive",
     "gymnasium": "rl",
     "highway_env": "highway",
     "osi3": "formats",

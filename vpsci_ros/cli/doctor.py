@@ -20,7 +20,7 @@ BRINGS = {
     "commonroad": "`export` to CommonRoad (apart: another protobuf)",
     "geo": "recordings in longitude and latitude",
     "carla": "episodes in a CARLA server",
-    "drive": "`drive`, and a running graph in Foxglove",
+    "drive": "`drive`",
     "cluster": "`--cluster`: work on several machines",
     "planner": "examples/motion_planner.py",
     "sumo": "examples/sumo_crossing.py",

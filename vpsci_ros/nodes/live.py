@@ -1,7 +1,6 @@
 """Subscription to a running graph from outside, as for a page that shows it; a slow subscriber delays no node."""
 
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Callable
 
 import rclpy
 from rclpy.context import Context
@@ -10,30 +9,20 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from vpsci_ros.nodes.domain import set_defaults
-from vpsci_ros.nodes.topics import LATCHED, TOPICS
-
-SHOWN = tuple(name for name in TOPICS if name not in ("/replay", "/replay/consumed", "/policy/weights"))
-"""Topics that a viewer reads; the others are the learner's, and long."""
+from vpsci_ros.nodes.topics import TOPICS
 
 
-def subscribe_to_graph(
-    names: Iterable[str], take: Callable[[str, bytes], None], finished: Callable[[], bool], namespace: str = "", *,
-    depth: int = 1,
-) -> None:  # fmt: skip
-    """Call `take(topic, serialized message)` for the messages of a graph in this ROS domain, until `finished()`.
+def subscribe_to_graph(name: str, take: Callable[[bytes], None], finished: Callable[[], bool]) -> None:
+    """Call `take` with the newest serialized message of a graph in this ROS domain, until `finished()`.
 
-    :param names: of `vpsci_ros.nodes.topics.TOPICS`.
-    :param namespace: of the graph.
-    :param depth: messages of a topic that wait to be taken; of those that come faster, the older ones are lost.
+    :param name: of `vpsci_ros.nodes.topics.TOPICS`, not latched.
     """
     set_defaults()
-    context = Context()
+    context, topic = Context(), TOPICS[name]
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("live_view", context=context, namespace=namespace)
-    newest = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
-    for row in (TOPICS[name] for name in names):
-        quality = LATCHED if row.qos is LATCHED else newest
-        node.create_subscription(row.type, row.ros_name, partial(take, row.name), quality, raw=True)
+    node = rclpy.create_node("live_view", context=context)
+    newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    node.create_subscription(topic.type, topic.ros_name, take, newest, raw=True)
     executor = EventsExecutor(context=context)
     executor.add_node(node)
     try:

@@ -7,6 +7,5 @@ In reading order:
 * `server`: the page and its WebSocket, served to this machine alone at an address with a secret
 * `drive_page`: the page of `vpsci drive`: its HTML, the data of a tick that it shows
 * `watch`: a running graph, shown live in the page: the states of `/world/state` at a rate for human viewers
-* `foxglove_view`: a running graph in Foxglove: its serialized messages, sent by the WebSocket server of Foxglove's SDK
 * `drive_command`: the command `vpsci drive`: a person drives, or watches a running graph, in a browser
 """

@@ -25,9 +25,6 @@ def drive(
     watch: Annotated[
         bool, typer.Option("--watch", help="Do not drive; show the running graph of this ROS_DOMAIN_ID.")
     ] = False,
-    foxglove: Annotated[
-        bool, typer.Option("--foxglove", help="With --watch: serve the graph to Foxglove instead of a page.")
-    ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
     people: People = None,
@@ -37,11 +34,6 @@ def drive(
 
     The page is served to this machine alone, at an address with a secret. The command ends when you close the page.
     """
-    if foxglove:
-        if not watch or output is not None:
-            raise InvalidInput("--foxglove shows a running graph: use it with --watch, without -o")
-        _watch_in_foxglove(port)
-        return
     require("tornado")
     from vpsci_ros.extras.drive.drive_page import Page
     from vpsci_ros.extras.drive.person_exam import RELOADED, prepare_person, run_drive
@@ -71,12 +63,3 @@ def drive(
         print(f"not all episodes were driven: {reason}", file=sys.stderr)
     if failures:
         raise typer.Exit(1)
-
-
-def _watch_in_foxglove(port: int) -> None:
-    require("foxglove", "rclpy")
-    from vpsci_ros.extras.drive.foxglove_view import FoxgloveView
-
-    with contextlib.closing(FoxgloveView(port)) as view:
-        print(f"open {view.address} in Foxglove (layout: docs/foxglove_layout.json); Ctrl-C ends it", flush=True)
-        view.show_graph()

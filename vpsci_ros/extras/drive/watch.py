@@ -20,7 +20,7 @@ def watch_graph(page: Page, scenarios: list[Scenario]) -> None:
     :param scenarios: where its episodes may take place.
     """
     seen = Seen(page, {scenario.number: scenario for scenario in scenarios})
-    subscribe_to_graph([WORLD], seen.take, lambda: page.finished)
+    subscribe_to_graph(WORLD, seen.take, lambda: page.finished)
 
 
 class Seen:
@@ -31,7 +31,7 @@ class Seen:
         self._episode = (0, 0)
         self._next = 0.0
 
-    def take(self, topic: str, message: bytes) -> None:
+    def take(self, message: bytes) -> None:
         """Show a message, unless another one was shown less than `EYES` seconds before.
 
         :raises InvalidInput: its episode takes place in a scenario of which nothing is known.
@@ -39,7 +39,7 @@ class Seen:
         if time.monotonic() < self._next:
             return
         self._next = time.monotonic() + EYES
-        world = read_world_state(message, topic)
+        world = read_world_state(message, WORLD)
         present = world.tick.state[world.tick.state["status"] != IDLE]
         if not len(present):
             return
