@@ -103,8 +103,6 @@ EXTRAS = {
     ],
     # The format commonroad, whose protobuf excludes that of osi in one environment.
     "commonroad": ["commonroad-io>=2024.3,<2025"],
-    # `projection` of described recordings in longitude and latitude.
-    "geo": ["pyproj>=3.6,<4"],
     # CARLA's client, whose version is that of the server.
     "carla": ["carla>=0.9.15,<0.10"],
     # The page in which a person drives, or watches a running graph.

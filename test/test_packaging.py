@@ -35,7 +35,7 @@ NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-ros
 NO_ROSDEP_KEY = {"lz4", "mcap", "polars", "pyarrow", "safetensors", "zstandard"}
 OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "sklearn", "threadpoolctl", "tornado"}  # of extras
 OPTIONAL |= {"cloudpickle", "distributed"}
-OPTIONAL |= {"av", "carla", "pyproj", "commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}
+OPTIONAL |= {"av", "carla", "commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "tf2_msgs", "vpsci_msgs"}  # with rclpy and this repository
 ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces
 

@@ -106,7 +106,7 @@ if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf
 fi
 
 [ "$purpose" = demo ] && exit
-add test rl,exam_extra,paper,formats,geo,drive,cluster,test "what tests need: another 0.5 GB on disk"
+add test rl,exam_extra,paper,formats,drive,cluster,test "what tests need: another 0.5 GB on disk"
 
 [ "$purpose" = test ] && exit
 add engines carla,highway,planner,sumo,baselines,docs "SUMO, highway-env, CARLA's client, planners and the site: another 1 GB on disk"

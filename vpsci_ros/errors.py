@@ -31,7 +31,6 @@ _EXTRAS = {
     "osi3": "formats",
     "osi_utilities": "formats",
     "pettingzoo": "rl",
-    "pyproj": "geo",
     "scenariogeneration": "formats",
     "sklearn": "paper",
     "stable_baselines3": "baselines",

@@ -1,4 +1,4 @@
-"""What layout.yaml can describe: no header, boxes, lost rows, metres by file, both in one row, and a source's name."""
+"""What layout.yaml can describe: no header, boxes, lost rows, both in one row, and a source's name."""
 
 import re
 import shutil
@@ -124,32 +124,6 @@ def test_rows_that_are_marked_as_lost_do_not_count(lost: str, seen: str, plain: 
     assert result.summaries[0].left_out == {LOST: 81}
     with pytest.raises(InvalidInput, match="line 164, column gone: expected 0 or 1, true or false, got 'perhaps'"):
         imported(tmp_path, marked.with_columns(gone=pl.col("gone").replace(lost, "perhaps")), columns=columns)
-
-
-def test_each_file_has_metres_of_its_own(plain: pl.DataFrame, tmp_path: Path) -> None:
-    for name, metres in (("a_1.csv", 0.05), ("a_2.csv", 0.05), ("b.csv", 0.02)):
-        pixels = rows().with_columns(pl.col("px", "py") / metres)
-        write(tmp_path, pixels, name=name, metres='{"a*.csv": 0.05, b.csv: 0.02}')
-    result = import_trajectories(tmp_path, "described")
-    parts = [part.select(MEASURED) for part in result.table.partition_by("clip", maintain_order=True)]
-    assert len(parts) == 3
-    for part in parts:
-        assert_frame_equal(part, plain, abs_tol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("metres", "said"),
-    [
-        ("{b.csv: 0.05}", "metres: expected one pattern for file a.csv, got none of b.csv"),
-        ('{"*": 0.05, a.csv: 0.05}', r"expected one pattern for file a.csv, got \*, a.csv of \*, a.csv"),
-        ("{a.csv: 0.05, c.csv: 1}", "metres: c.csv names no file; there are a.csv"),
-        ("{a.csv: 0}", "metres: expected a number above 0"),
-        ("{a.csv: wide}", "metres: expected a number above 0"),
-    ],
-)
-def test_metres_that_name_no_file_or_leave_one_out_are_refused(metres: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=said):
-        imported(tmp_path, rows(), metres=metres)
 
 
 PAIRS = {

@@ -72,16 +72,11 @@ def test_an_import_says_which_share_of_its_pedestrians_is_faster_than_somebody_w
     assert "described: 0 of 1 pedestrians (0.0%) are faster than 2.5 m/s (median while they move)\n" in said(walks)
 
 
-@pytest.mark.parametrize("way", ["layout", "option"])
-def test_pedestrians_faster_than_allowed_are_left_out_and_counted(way: str, tmp_path: Path) -> None:
-    tracks = a_car_and(crossing("p", 1.3), crossing("q", 4.0))
-    given = {"layout": "fastest: 2.5\n"} if way == "layout" else {"fastest": 2.5}
-    result = imported(tmp_path, tracks, **given)
+def test_pedestrians_faster_than_allowed_are_left_out_and_counted(tmp_path: Path) -> None:
+    result = imported(tmp_path, a_car_and(crossing("p", 1.3), crossing("q", 4.0)), fastest=2.5)
     assert (result.summaries[0].near_misses, result.summaries[0].pedestrians, result.summaries[0].fast) == (1, 1, 0)
     assert result.summaries[0].left_out == {"pedestrians faster than 2.5 m/s": 1}
     assert result.table["ped_vy"].to_numpy() == pytest.approx(1.3)
-    with pytest.raises(InvalidInput, match="fastest: expected a number above 0, got -1"):
-        imported(tmp_path, tracks, layout="fastest: -1\n")
 
 
 def test_the_command_leaves_out_who_is_faster_than_it_is_told(tmp_path: Path) -> None:

@@ -293,10 +293,6 @@ def test_a_wrong_description_is_refused_by_key(old, new, said, tmp_path):
         ({"files": "."}, "files: expected a pattern for files in the folder, such as .*got '.'|found none"),
         ({"files": '"../*/*.csv"'}, r"files: expected a pattern for files in the folder, .*got '\.\./"),
         ({"files": '"a\\0.csv"'}, "files: expected a pattern for files in the folder|found none"),
-        ({"beside": "{one: b/c}"}, "beside: expected parts of files' names such as {cars: people}, got {'one': 'b/c'}"),
-        ({"beside": '{one: ""}'}, "beside: expected parts of files' names"),
-        ({"beside": '{"": two}'}, "beside: expected parts of files' names"),
-        ({"beside": "{one: two}"}, "beside: no file with one in its name has one with two there .*found one.csv"),
         ({"clip": "runn"}, "column runn is missing; it has who, n, kind, px, py"),
     ],
 )

@@ -18,7 +18,6 @@ BRINGS = {
     "paper": "`realism`, `study` and `turing`",
     "formats": "`export` to OpenSCENARIO, OSI and MP4",
     "commonroad": "`export` to CommonRoad (apart: another protobuf)",
-    "geo": "recordings in longitude and latitude",
     "carla": "episodes in a CARLA server",
     "drive": "`drive`",
     "cluster": "`--cluster`: work on several machines",

@@ -1,21 +1,19 @@
 """Recordings of any other layout, whose columns the file `layout.yaml` in the same folder describes."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.agreement import require_fixed_frame
 from vpsci_ros.data.importers.layout import classes_in, clip_of
 from vpsci_ros.data.importers.layout_file import FILE, LENGTH, WIDTH, Layout, LayoutFile, read_layout_file
 from vpsci_ros.data.importers.tracks import LINE, WHOLE, Clip, Importer, merged, read_csv, require_columns
 from vpsci_ros.data.parquet import read_parquet
-from vpsci_ros.documents import listed, reason, shown
-from vpsci_ros.errors import InvalidInput, require
+from vpsci_ros.documents import reason, shown
+from vpsci_ros.errors import InvalidInput
 
 LOST = "rows that are marked as lost"  # a count of `Clip.left_out`
 BLANK = "rows without the name of a clip"  # a count of `Clip.left_out`
@@ -35,22 +33,17 @@ def described(folder: Path, description: Path | None = None, frame_rate: float =
     keys = read_layout_file(path)
     layouts = [replace(layout, frame_rate=frame_rate or layout.frame_rate) for layout in keys.layouts]
     files = _files(folder, keys, path)
-    scales = _scales(folder, files, keys.metres, path)
     seen = Counter[str]()
     for file in files:
         name = file.relative_to(folder).with_suffix("").as_posix()
-        scaled = [replace(layout, metres=scales[file]) for layout in layouts]
-        for part, table, left_out in _clips(file, keys, layouts):
+        for part, table, left_out in _clips(file, keys):
             if keys.distance:
-                _require_distance(table, keys, scaled, file)
+                _require_distance(table, keys, layouts, file)
             parts = [
                 clip_of(f"{name}{part}", {file: (_rows_of(table, layout, len(layouts)), layout)}, lenient=True)
-                for layout in scaled
+                for layout in layouts
             ]
-            whole = merged(parts)
-            if not keys.fixed:
-                require_fixed_frame(f"{file}, clip {whole.name}", whole.pedestrians)
-            clip = whole.with_size(keys.length, keys.width).without_faster(keys.fastest)
+            clip = merged(parts).with_size(keys.length, keys.width)
             yield replace(clip, left_out={**clip.left_out, **left_out}, source=keys.source, fixed=keys.fixed)
             seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
     layout = layouts[0]
@@ -67,7 +60,7 @@ def described(folder: Path, description: Path | None = None, frame_rate: float =
 def _files(folder: Path, keys: LayoutFile, path: Path) -> list[Path]:
     """Return the files that a layout names, sorted.
 
-    :raises InvalidInput: it names none, or `beside` none of the files that may be beside them.
+    :raises InvalidInput: it names none.
     """
     pattern, unusable = keys.files, ""
     try:
@@ -81,36 +74,7 @@ def _files(folder: Path, keys: LayoutFile, path: Path) -> list[Path]:
         )
     if not files:
         raise InvalidInput(f"{folder}: expected files {pattern}, as {path.name} says; found none")
-    for own, theirs in keys.beside.items():
-        if not any(_beside(file, own, theirs) for file in files):
-            raise InvalidInput(
-                f"{path}: beside: no file with {own} in its name has one with {theirs} there beside it; found "
-                f"{listed(file.name for file in files)}"
-            )
     return files
-
-
-def _beside(file: Path, own: str, theirs: str) -> Path | None:
-    """Return the file whose name has `theirs` where that of `file` has `own`; None: there is none."""
-    other = file.with_name(file.name.replace(own, theirs))
-    return other if other != file and other.is_file() else None
-
-
-def _scales(folder: Path, files: list[Path], metres: Mapping[str, float], path: Path) -> dict[Path, float]:
-    """Return metres in one unit of each file.
-
-    :raises InvalidInput: a file for which there are none or several, or a pattern of no file.
-    """
-    names = {file: file.relative_to(folder).as_posix() for file in files}
-    matches = {file: [pattern for pattern in metres if fnmatchcase(name, pattern)] for file, name in names.items()}
-    for file, found in matches.items():
-        if len(found) != 1:
-            raise InvalidInput(
-                f"{path}: metres: expected one pattern for file {names[file]}, got {listed(found)} of {listed(metres)}"
-            )
-    if unused := [pattern for pattern in metres if [pattern] not in matches.values()]:
-        raise InvalidInput(f"{path}: metres: {unused[0]} names no file; there are {listed(names.values())}")
-    return {file: metres[found[0]] for file, found in matches.items()}
 
 
 def _rows_of(table: pl.DataFrame, layout: Layout, layouts: int) -> pl.DataFrame:
@@ -140,43 +104,12 @@ def _require_distance(table: pl.DataFrame, keys: LayoutFile, layouts: list[Layou
         )
 
 
-def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path) -> pl.DataFrame:
-    """Return a table with longitudes and latitudes projected to metres; without a `projection` the table itself.
-
-    :raises InvalidInput: no such projection, or not one in metres; or the package pyproj is missing.
-    """
-    if not projection or not {layout.columns["x"], layout.columns["y"]} <= set(table.columns):
-        return table
-    names = [layout.columns["x"], layout.columns["y"]]
-    require("pyproj")
-    import pyproj
-
-    try:
-        system = pyproj.CRS(projection)
-        if {axis.unit_name for axis in system.axis_info} != {"metre"}:
-            raise InvalidInput(
-                f"{path}: projection: expected one in metres such as EPSG:32632, got {shown(projection)}"
-            )
-        to_metres = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
-    except pyproj.exceptions.ProjError as error:
-        raise InvalidInput(f"{path}: projection: {reason(error)}; expected one such as EPSG:32632") from None
-    degrees = [table[name].cast(pl.Float64, strict=False).to_numpy() for name in names]
-    return table.with_columns(**dict(zip(names, to_metres.transform(*degrees), strict=True)))
-
-
-def _clips(
-    file: Path, keys: LayoutFile, layouts: Sequence[Layout]
-) -> Iterator[tuple[str, pl.DataFrame, dict[str, int]]]:
+def _clips(file: Path, keys: LayoutFile) -> Iterator[tuple[str, pl.DataFrame, dict[str, int]]]:
     """Yield the clips of a file: end of the name, table, and counts of left-out rows; the first clip has all counts.
 
     :raises InvalidInput: the file does not have the column `clip`, or no row has a value there; or see `_not_lost`.
     """
     table = _table(file, keys)
-    for own, theirs in keys.beside.items():
-        if (other := _beside(file, own, theirs)) is not None:
-            table = pl.concat([table, _table(other, keys)], how="diagonal_relaxed")
-    for layout in layouts:
-        table = _projected(table, keys.projection, layout, file)
     whole, left_out = table.height, Counter[str]()
     if keys.lost:
         table = _not_lost(table, keys.lost, file)

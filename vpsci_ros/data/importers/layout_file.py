@@ -101,23 +101,18 @@ class LayoutFile:
     """What a `layout.yaml` says of its files and of all rows.
 
     :ivar layouts: of its rows, or of the vehicle and of the pedestrian in each row.
-    :ivar metres: pattern of files -> metres in one unit of positions.
     :ivar lost, distance: columns of the whole row; "": none.
     """
 
     layouts: tuple[Layout, ...]
-    metres: Mapping[str, float]
     header: bool
     files: str
-    beside: Mapping[str, str]
     clip: str
     delimiter: str
     lost: str
     distance: str
     length: float
     width: float
-    projection: str
-    fastest: float
     fixed: bool
     source: str
 
@@ -126,16 +121,8 @@ def _number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 1e-9
 
 
-def _patterns(value: object) -> bool:
-    return isinstance(value, dict) and bool(value) and all(isinstance(k, str) and _number(v) for k, v in value.items())
-
-
 def _truth(value: object) -> bool:
     return isinstance(value, bool)
-
-
-def _part_of_a_name(value: object) -> bool:
-    return isinstance(value, (str, int)) and bool(text := str(value)) and not {"/", "\0"} & set(text)
 
 
 _LIST = "a list of values of the column `class`"
@@ -146,11 +133,6 @@ KEYS: dict[str, tuple[Any, Callable[[Any], bool], str]] = {  # key -> default, c
         "*.csv",
         lambda value: isinstance(value, str) and bool(value) and not Path(value).is_absolute(),
         "a pattern such as '*.csv'",
-    ),
-    "beside": (
-        {},
-        lambda value: isinstance(value, dict) and all(map(_part_of_a_name, [*value, *value.values()])),
-        "parts of files' names such as {cars: people}",
     ),
     "clip": ("", lambda value: isinstance(value, (str, int)) and not _truth(value), "the name of a column"),
     "delimiter": (
@@ -165,7 +147,7 @@ KEYS: dict[str, tuple[Any, Callable[[Any], bool], str]] = {  # key -> default, c
     "pedestrians": ([], lambda value: isinstance(value, list), _LIST),
     "frame_rate": (0.0, lambda value: value == 0.0 or _number(value), "a number above 0"),
     "time_unit": (1.0, _number, "a number above 0"),
-    "metres": (1.0, lambda value: _number(value) or _patterns(value), "a number above 0, or one a pattern of files"),
+    "metres": (1.0, _number, "a number above 0"),
     "units": (
         {},
         lambda value: isinstance(value, dict) and all(k in UNITS and str(v) in UNITS[k] for k, v in value.items()),
@@ -176,8 +158,6 @@ KEYS: dict[str, tuple[Any, Callable[[Any], bool], str]] = {  # key -> default, c
     "smooth": (0.0, lambda value: value == 0.0 or _number(value), "a window in seconds"),
     "length": (4.5, _number, "a number above 0"),
     "width": (1.8, _number, "a number above 0"),
-    "projection": ("", lambda value: isinstance(value, str), "a name such as EPSG:32632"),
-    "fastest": (math.inf, _number, "a number above 0"),
     "fixed": (False, _truth, "true or false"),
     "source": ("", lambda value: True, "a name"),
 }
@@ -202,13 +182,10 @@ def read_layout_file(path: Path) -> LayoutFile:
             raise InvalidInput(f"{path}: {key}: expected {expected}, got {shown(values[key])}")
     if values["source"] != "":
         require_source(values["source"], f"{path}: source:")
-    metres = values["metres"] if isinstance(values["metres"], dict) else {"*": values["metres"]}
     own: dict[str, Any] = {name: str(values["columns"].get(name, "")) for name in _OF_ROWS}
-    plain = ("header", "files", "delimiter", "length", "width", "projection", "fastest", "fixed", "source")
+    plain = ("header", "files", "delimiter", "length", "width", "fixed", "source")
     return LayoutFile(
         layouts=tuple(_layouts(values, path)),
-        metres={pattern: float(number) for pattern, number in metres.items()},
-        beside={str(one): str(other) for one, other in values["beside"].items()},
         clip=str(values["clip"]),
         **own,
         **{name: values[name] for name in plain},
@@ -278,9 +255,7 @@ def _layout(
         raise InvalidInput(
             f"{where} without a header expected numbers of columns, 1 for the first, got {shown(columns)}"
         )
-    if values["projection"] and box:
-        raise InvalidInput(f"{path}: projection: expected columns x and y, got those of a box")
-    numbers: dict[str, Any] = {name: float(values[name]) for name in ("frame_rate", "time_unit", "smooth")}
+    numbers: dict[str, Any] = {name: float(values[name]) for name in ("frame_rate", "time_unit", "metres", "smooth")}
     numbers |= {name: UNITS[name][unit] for name, unit in values["units"].items()}
     return Layout(
         columns={str(name): str(column) for name, column in columns.items() if name not in _OF_ROWS},

@@ -127,7 +127,7 @@ def _require_metres(source: str, clip: Clip) -> None:
         raise InvalidInput(
             f"{source}, clip {clip.name}: all road users are within {extent:.2g} of each other: expected positions in "
             "metres; describe the files (--format described) with `metres` of their unit"
-            + (f", or, for longitude and latitude, with `projection: {zone}`" * bool(np.abs((x, y)).max() <= 180.0))
+            + (f", or project longitude and latitude, to {zone} say" * bool(np.abs((x, y)).max() <= 180.0))
         )
 
 

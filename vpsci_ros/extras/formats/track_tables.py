@@ -1,8 +1,8 @@
 """Recordings published as tables of tracks: levelXData, INTERACTION, SinD, Argoverse 2 and TGSIM.
 
 Vehicles are motor vehicles on four wheels or more; bicycles, motorcycles and the like are left out, and the import says
-how many. Sizes are the tracks' own where the format has them. Most formats are a layout in `layouts/`, as users write
-one for their own recordings (`vpsci_ros.data.importers.described`); levelXData spreads a recording over three files.
+how many. Sizes are the tracks' own where the format has them. Argoverse 2 and TGSIM are a layout in `layouts/`, as
+users write one for their own recordings (`vpsci_ros.data.importers.described`); the others have several files each.
 """
 
 from collections.abc import Iterator
@@ -58,11 +58,43 @@ def _beside(path: Path, name: str) -> Path:
     return other
 
 
+def two_files(vehicles: str, pedestrians: str, heading: str, folder: Path) -> Iterator[Clip]:
+    """Yield a clip for each file of vehicles and the file of pedestrians beside it: INTERACTION and SinD.
+
+    Milliseconds, metres, radians. Sources: Zhan et al., arXiv 1910.03088; Xu et al., ITSC 2022. The class
+    "pedestrian/bicycle" does not distinguish these two, so all of them count as pedestrians; some files of SinD spell
+    pedestrian "pedestrain".
+
+    :param vehicles, pedestrians: parts of the two files' names.
+    :param heading: column that says where a vehicle points.
+    :raises InvalidInput: no such files.
+    """
+    columns = {"id": "track_id", "time": "timestamp_ms", "class": "agent_type"}
+    columns |= {name: name for name in ("x", "y", "vx", "vy")}
+    own = columns | {"heading": heading, "length": "length", "width": "width"}
+    walkers = frozenset({"pedestrian", "pedestrian/bicycle", "pedestrain"})
+    layouts = {
+        vehicles: Layout(own, frozenset({"car", "truck", "bus"}), frozenset(), time_unit=0.001),
+        pedestrians: Layout(columns, frozenset(), walkers, time_unit=0.001),
+    }
+    files = sorted(folder.rglob(f"{vehicles}*.csv"))
+    if not files:
+        raise InvalidInput(f"{folder}: expected recordings as published ({vehicles}*.csv), found none")
+    for path in files:
+        both = ((path.with_name(path.name.replace(vehicles, part)), layout) for part, layout in layouts.items())
+        parts = {file: (read_csv(file), layout) for file, layout in both if file.is_file()}  # some have no pedestrians
+        yield clip_of(path.relative_to(folder).with_suffix("").as_posix(), parts, lenient=True)
+
+
 def _importer(name: str, frame_rate: float = 0.0) -> Importer:
     read = partial(described, description=_LAYOUTS / f"{name}.yaml")
     return Importer(read, length=4.5, width=1.8, frame_rate=frame_rate)
 
 
 LEVELX = Importer(levelx, length=4.5, width=1.8)
-INTERACTION, SIND, TGSIM = map(_importer, ("interaction", "sind", "tgsim"))
+INTERACTION, SIND = (
+    Importer(partial(two_files, *names), length=4.5, width=1.8)
+    for names in (("vehicle_tracks", "pedestrian_tracks", "psi_rad"), ("Veh_smoothed", "Ped_smoothed", "yaw_rad"))
+)
+TGSIM = _importer("tgsim")
 ARGOVERSE2 = _importer("argoverse2", frame_rate=10.0)
