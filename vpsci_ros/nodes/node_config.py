@@ -51,7 +51,7 @@ class RecorderConfig:
 
 @dataclass(frozen=True)
 class ReplayerConfig:
-    """The bag, the first episode, the rate and the topics that the replayer publishes."""
+    """The bag that the replayer publishes, its first episode, and the rate."""
 
     bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder (MCAP), or one of its files")
     rate: float = parameter(
@@ -62,9 +62,6 @@ class ReplayerConfig:
         read_only=False,
     )
     first_episode: str = parameter("", "episode to begin with, NUMBER or SCENARIO:NUMBER; empty: the bag's first")
-    start: float = parameter(0.0, "log time after the beginning of the bag to begin at", unit="s", low=0.0, high=1e9)
-    loop: bool = parameter(False, "begin again after the last message, with the clock set back; Ctrl-C ends it")
-    topics: list[str] = parameter([], "topics to publish; empty: all topics of the bag")
     paused: bool = parameter(False, "begin paused; /replayer/pause resumes, /replayer/step steps")
 
 

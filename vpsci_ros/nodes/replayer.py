@@ -3,7 +3,6 @@
 import importlib
 import time
 from collections import deque
-from collections.abc import Iterator
 from typing import Any
 
 from rclpy.duration import Duration
@@ -26,7 +25,7 @@ from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 from vpsci_ros.wire.decoder import RawMessage
 
-CLOCK, DIAGNOSTICS = "/clock", "/diagnostics"
+CLOCK = "/clock"
 PERIOD = 0.001  # [s] between looks at what is due
 SLICE = 0.02  # [s] of publishing at a stretch, so that services are answered
 FLUSH = Duration(seconds=4.0)  # for readers to acknowledge the last messages: one heartbeat of the middleware
@@ -40,9 +39,8 @@ class Replayer(GraphNode):
     """Publishes a bag's topics and `/clock`; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) control it.
 
     It begins when all readers among `peers`, and at least one reader, are there and none has come for `SETTLED` s.
-    With `first_episode` or `start` it first publishes what latched topics such as `/tf_static` held at that time. With
-    `loop` the replay begins again there after the last message. Messages are not deserialised. A bag without `/clock`,
-    of another tool say, gets one from its log times.
+    With `first_episode` it first publishes what latched topics such as `/tf_static` held at its beginning. Messages are
+    not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
     """
 
     essential_peers = ()
@@ -52,22 +50,26 @@ class Replayer(GraphNode):
         config = self.config(ReplayerConfig)
         self._rate, self._paused = config.rate, config.paused
         bag = Bag(config.bag)
-        chosen = self._chosen(bag.topics(), config)
+        chosen = [topic for topic in bag.topics().values() if topic.messages]
+        if not chosen:
+            raise InvalidInput(f"{config.bag}: the bag holds no message")
         self._outlets = {topic.name: publisher for topic in chosen if (publisher := self._publisher(topic))}
         if not self._outlets:
-            raise InvalidInput(f"{config.bag}: none of the message types of {_names(chosen)} is installed here")
+            names = ", ".join(topic.name for topic in chosen)
+            raise InvalidInput(f"{config.bag}: none of the message types of {names} is installed here")
         self._makes_clock = CLOCK not in self._outlets
         if self._makes_clock:
             self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
-        self._bag, self._start, self._loop, self._whole = bag, _start(bag, config), config.loop, not config.topics
+        self._bag, first = bag, config.first_episode
+        start = chosen_episode(bag_episodes(bag), first).start_time if first else 0  # [ns]
         depths = {topic.name: depth for topic in chosen if (depth := _kept(topic))}
-        self._held = self._publish_held(bag, depths, self._start)
-        self._messages = self._read()
+        self._held = self._publish_held(bag, depths, start)
+        topics = self._outlets.keys() - ({CLOCK} if self._makes_clock else set())  # not the recorded clock, too
+        self._messages = bag.messages(topics, start, ordered=True)
         self._next: RawMessage | None = next(self._messages, None)
         if self._next is None:
-            after = f" after {config.start:g} s" if config.start else ""
-            raise InvalidInput(f"{config.bag}: the bag holds no message of {_names(chosen)}{after}")
-        self._sent = self._rounds = 0
+            raise InvalidInput(f"{config.bag}: the bag holds no message from episode {first} on")
+        self._sent = 0
         self._at, self._shown = self._next.time, -1
         self._anchor = (time.monotonic(), self._at)
         self._readers, self._readers_since = -1, time.monotonic()
@@ -75,12 +77,6 @@ class Replayer(GraphNode):
         self.serve("/replayer/pause", self._on_pause)
         self.serve("/replayer/step", self._on_step)
         self.wall_timer(PERIOD, self._on_timer)
-
-    def _chosen(self, topics: dict[str, TopicInfo], config: ReplayerConfig) -> list[TopicInfo]:
-        for name in config.topics:
-            if name not in topics and name != CLOCK:
-                raise InvalidInput(f"{config.bag}: no topic {name}; it has {', '.join(topics) or 'none'}")
-        return [row for row in topics.values() if row.messages and (row.name in config.topics or not config.topics)]
 
     def _publisher(self, topic: TopicInfo) -> Publisher | None:
         package, _, name = topic.type.partition("/msg/")
@@ -108,17 +104,11 @@ class Replayer(GraphNode):
         return len(messages)
 
     def _publish_reports(self) -> None:
-        """Publish the nodes' parameters that the bag's records have, for a recorder, unless `topics` excludes them."""
-        if not self._whole and DIAGNOSTICS not in self._outlets:
-            return
+        """Publish the nodes' parameters that the bag's records have, for a recorder."""
         for node, parameters in bag_run(self._bag).parameters.items():
             name, report = f"{self.frame_prefix}{node}", NodeStatus(state="recorded")
             at = Time(seconds=0, nanoseconds=self._at).to_msg()
             self.diagnostics.publish(diagnostics_message(name, report, at, parameters))
-
-    def _read(self) -> Iterator[RawMessage]:
-        topics = self._outlets.keys() - ({CLOCK} if self._makes_clock else set())  # not the recorded clock, too
-        return self._bag.messages(topics, self._start, ordered=True)
 
     def _on_timer(self) -> None:
         if not self._begun:
@@ -177,11 +167,6 @@ class Replayer(GraphNode):
         self._outlets[message.topic].publish(message.data)
         self._sent += 1
         self._next = next(self._messages, None)
-        if self._next is None and self._loop:
-            self._messages = self._read()
-            self._next, self._shown = next(self._messages), -1
-            self._rounds += 1
-            self._restart_pace()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
@@ -194,8 +179,8 @@ class Replayer(GraphNode):
         if not self._paused or self._next is None:
             response.message = "the bag is over" if self._next is None else "not paused; call pause first"
             return response
-        until, before, rounds = self._next.time, self._sent, self._rounds
-        while self._next is not None and self._next.time <= until and self._rounds == rounds:
+        until, before = self._next.time, self._sent
+        while self._next is not None and self._next.time <= until:
             self._publish()
         self.finished = self._next is None
         response.success = True
@@ -219,15 +204,6 @@ class Replayer(GraphNode):
         self.get_logger().info(f"published {self._held + self._sent} messages, to {self._at * 1e-9:.3f} s")
 
 
-def _start(bag: Bag, config: ReplayerConfig) -> int:
-    """Return the log time [ns] of the first message to publish; 0: the first of the bag."""
-    if config.first_episode and config.start:
-        raise InvalidInput("replayer: expected either first_episode or start, got both")
-    if config.first_episode:
-        return chosen_episode(bag_episodes(bag), config.first_episode).start_time
-    return bag.begin + round(config.start * 1e9) if config.start else 0
-
-
 def _kept(topic: TopicInfo) -> int:
     """Return how many messages of a topic are kept for subscribers that come later; 0: the topic is not latched.
 
@@ -239,7 +215,3 @@ def _kept(topic: TopicInfo) -> int:
 
 def _latched(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def _names(topics: list[TopicInfo]) -> str:
-    return ", ".join(topic.name for topic in topics) or "the chosen topics"
