@@ -1,4 +1,4 @@
-"""The world by services and by parameters: paused, stepped, begun again, paced otherwise, all while it runs."""
+"""The world by services and by parameters: paused, stepped, paced otherwise, all while it runs."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from vpsci_msgs.msg import EpisodeEvent, WorldState
+from vpsci_msgs.msg import WorldState
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 
@@ -27,20 +27,12 @@ class Session(Stage):
         self.world = WorldSimulator(context=context, parameter_overrides=overrides(**chosen))
         super().__init__(context, self.world, SafetyMonitor(context=context), executor=EventsExecutor)
         self.ticks: list[int] = []
-        self.begins: list[tuple[int, int]] = []
-        self.started: list[int] = []
         self.reported: dict[str, list[DiagnosticArray]] = {}
         self.peer.create_subscription(WorldState, "world/state", self._on_state, 1000)
-        self.peer.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
         self.peer.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 1000)
 
     def _on_state(self, message: WorldState) -> None:
         self.ticks.append(message.tick)
-        if message.status[0] != WorldState.STATUS_IDLE and message.frame[0] == 0:
-            self.begins.append((message.tick, message.episode[0]))
-
-    def _on_event(self, message: EpisodeEvent) -> None:
-        self.started += [e for e, kind in zip(message.episode, message.kind, strict=True) if kind == message.STARTED]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.reported.setdefault(message.status[0].name, []).append(message)
@@ -67,22 +59,6 @@ def test_a_paused_world_waits_for_steps_and_takes_one_tick_for_each(begin: Calla
     assert session.call(SetBool, "world/pause", data=False).success
     session.spin_until(lambda: session.world.finished)
     assert session.ticks == list(range(len(session.ticks)))
-
-
-def test_a_reset_begins_the_same_episodes_again_and_time_goes_on(begin: Callable[..., Session]) -> None:
-    session = begin(real_time_factor=20.0)
-    session.spin_until(lambda: len(session.ticks) > 10)
-    session.call(Trigger, "world/reset")
-    session.spin_until(lambda: len(session.started) == 2)
-    session.call(SetBool, "world/pause", data=True)
-    session.call(Trigger, "world/reset")
-    session.spin_until(lambda: len(session.started) == 3)
-    session.call(SetBool, "world/pause", data=False)
-    session.world.set_parameters([Parameter("real_time_factor", value=0.0)])
-    session.spin_until(lambda: session.world.finished and session.started == [0, 0, 0, 1])
-    assert session.ticks == sorted(set(session.ticks))
-    assert [episode for _, episode in session.begins] == [0, 0, 0, 1]
-    assert all(tick % 2 == 0 for tick, _ in session.begins), "episodes begin at policy ticks"
 
 
 def test_parameters_that_may_change_do_and_bad_values_are_refused_with_the_reason(

@@ -1,10 +1,9 @@
 """The loop: one tick after the other, its values made once, the same whoever drives it."""
 
 import numpy as np
-import pytest
 from world.helpers import AUTOPILOT, SCENARIOS
 
-from vpsci_ros.world import RUNNING, World, WorldConfig, handover
+from vpsci_ros.world import World, WorldConfig, handover
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.monitor import assess
 
@@ -45,20 +44,3 @@ def test_a_step_keeps_its_tick_when_the_world_has_moved_on():
     loop.step()
     assert first.tick.state.tobytes() == before
     assert (first.tick.state["frame"] == 0).all()
-
-
-@pytest.mark.parametrize("ticks", [1, 2])
-def test_a_restart_begins_the_queue_again_at_the_next_policy_tick(ticks):
-    def fresh(first_tick=0):
-        return World(AUTOPILOT, SCENARIOS, PAIRS, 4, 1, first_tick=first_tick)
-
-    loop = Loop(fresh())
-    for _ in range(ticks):
-        loop.step()
-    loop.restart(fresh)
-    number = loop.world.now.number
-    assert ticks < number <= ticks + 2
-    assert number % 2 == 0
-    assert loop.world.now.policy_frame.all()
-    assert loop.world.state.tobytes() == fresh().state.tobytes()
-    assert (loop.step().tick.state["status"] == RUNNING).all()

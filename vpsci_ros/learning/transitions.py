@@ -67,10 +67,6 @@ class TransitionBuilder:
         self._open = np.zeros(slots, np.bool_)  # the last of them has no next state yet
         self._histories = Histories(slots)
 
-    def clear(self) -> None:
-        """Forget unfinished transitions, since other episodes begin; numbering continues."""
-        self._resize(len(self._open))
-
     def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> Completed:
         """Process one tick; return the transitions that it completes, and the histories that these end.
 

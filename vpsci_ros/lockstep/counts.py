@@ -20,8 +20,7 @@ class WorldCounts:
     """
 
     tick: int = 0  # the present one
-    episodes_ended: int = 0  # of those requested, since the last reset
-    resets: int = 0
+    episodes_ended: int = 0
     late_ticks: int = 0  # the wall clock set the pace, and the tick before was not over
     safety_answers_missing: int = 0
     safety_answers_refused: int = 0
@@ -42,7 +41,7 @@ class WorldCounts:
     vehicle_commands_early: int = 0  # before the first tick
     safe_stops: int = 0  # begun because no command came, in real time
     safe_stop_ticks: int = 0
-    collision: int = 0  # episodes by outcome, also those that a reset began again
+    collision: int = 0  # episodes by outcome
     goal: int = 0
     timeout: int = 0
     parked_collision: int = 0

@@ -118,12 +118,6 @@ class Service:
 SERVICES = {
     service.name: service
     for service in (
-        Service(
-            "/world/reset",
-            Trigger,
-            "world_simulator",
-            "begins again with the run's first episode; tick numbers and simulated time continue",
-        ),
         Service("/world/pause", SetBool, "world_simulator", "data true: pauses at the present tick; false: resumes"),
         Service(
             "/world/step",

@@ -39,7 +39,7 @@ class WorldSimulator(GraphNode):
 
     :param server: an external engine's server, which moves the agents; None: as the parameter `engine` says.
 
-    Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`.
+    Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`.
     """
 
     counts: WorldCounts
@@ -52,11 +52,14 @@ class WorldSimulator(GraphNode):
         compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
-        self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
+        recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
         name, _, address = config.engine.partition("://")
-        self._engine = None if name == "vpsci" else ENGINES.find(name)
-        self._server = server or (self._engine.connect(address, self._config.tick) if self._engine else None)
-        self._loop = Loop(self._new_world(), interventions=Interventions(config.interventions))
+        engine = None if name == "vpsci" else ENGINES.find(name)
+        self._server = server or (engine.connect(address, self._config.tick) if engine else None)
+        make = partial(engine.world, self._server) if engine else World
+        run = self._run
+        world = make(self._config, scenarios, run.queue(), run.batch, run.seed, recorded=recorded)
+        self._loop = Loop(world, interventions=Interventions(config.interventions))
         self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":
@@ -74,7 +77,6 @@ class WorldSimulator(GraphNode):
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
             self.input("/replay/consumed", None, self._on_consumed)
-        self.serve("/world/reset", self._on_reset)
         self.serve("/world/pause", self._on_pause)
         self.serve("/world/step", self._on_step)
         self._pacer: Timer | None = None
@@ -86,13 +88,6 @@ class WorldSimulator(GraphNode):
         if server := self.__dict__.get("_server"):
             server.close()
         super().destroy_node()
-
-    def _new_world(self, first_tick: int = 0) -> World:
-        run, scenarios = self._run, list(self._scenarios.values())
-        make = partial(self._engine.world, self._server) if self._engine else World
-        return make(
-            self._config, scenarios, run.queue(), run.batch, run.seed, recorded=self._recorded, first_tick=first_tick
-        )
 
     @property
     def state(self) -> str:
@@ -122,19 +117,6 @@ class WorldSimulator(GraphNode):
         """Apply the real-time factor and the timeout that were set on the running node."""
         self._lock_step.config = self.config(SimulatorConfig)
         self._set_pace()
-
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Begin the queue again; ticks and simulated time go on, so that no peer and no bag sees time run backwards."""
-        response.success = not self.finished
-        response.message = "the run is over" if self.finished else "the first episode begins again"
-        if self._lock_step.running:
-            self._loop.restart(self._new_world)
-            if self._builder:
-                self._builder.clear()
-            self.counts.resets += 1
-            self.counts.episodes_ended = 0
-            self._publish(self._loop.world.take_started())
-        return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._lock_step.pause(request.data, time.monotonic())

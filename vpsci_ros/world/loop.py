@@ -54,9 +54,6 @@ class Loop:
         self._always_critical = always_critical
         self._interventions = interventions
         self._assessed: tuple[Tick, Assessment] | None = None
-        self._keep_lane()
-
-    def _keep_lane(self) -> None:
         if getattr(self.agents.get("vehicle"), "keeps_lane", False):
             self.world.keep_lane()
 
@@ -106,12 +103,3 @@ class Loop:
             actions = self._interventions.applied(tick.state, actions)
         events = self.world.advance(assessment, actions)
         return Step(tick=tick._replace(state=state), assessment=assessment, actions=actions, events=events)
-
-    def restart(self, make_world: Callable[[int], World]) -> None:
-        """Continue with another world from the next policy tick, so that time does not run backwards.
-
-        :param make_world: returns the other world, given the number of its first tick.
-        """
-        every = self.world.config.policy_ticks
-        self.world = make_world((self.world.now.number // every + 1) * every)
-        self._keep_lane()
