@@ -18,7 +18,7 @@ SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]
 
 @pytest.fixture(scope="session")
 def foreign(own_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The odometry of `own_bag` as another tool would have recorded it; not to be changed."""
+    """The states of `own_bag` as another tool would have recorded them; not to be changed."""
     return copied(own_bag, tmp_path_factory.mktemp("foreign") / "bag")
 
 

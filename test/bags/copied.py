@@ -7,7 +7,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.wire.decoder import known_types
 
-ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
+STATES = ("/world/state", "/safety/state")
 
 
 def received(time: int) -> int:
@@ -15,7 +15,7 @@ def received(time: int) -> int:
     return 1_700_000_000 * 10**9 + time // 2
 
 
-def copied(bag: Path, folder: Path, topics: tuple[str, ...] = ODOMETRY, *, untimed: int = 0) -> Path:
+def copied(bag: Path, folder: Path, topics: tuple[str, ...] = STATES, *, untimed: int = 0) -> Path:
     """Record these topics again as `ros2 bag record` does, with receipt times that run twice as fast.
 
     :param untimed: so many of the first messages are logged at 0, as before the first `/clock` with `use_sim_time`.

@@ -1,6 +1,5 @@
 """`vpsci bag` info, verify and export: bags of the graph, of other tools, damaged and empty ones."""
 
-import io
 import json
 import shutil
 from collections.abc import Callable
@@ -8,10 +7,8 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
-from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import NODE, bag_run, node_record
@@ -85,9 +82,12 @@ def test_info_tells_topics_rates_of_simulated_time_episodes_and_counts(own_bag: 
 def test_info_of_another_tools_bag_says_what_is_missing(foreign: Path) -> None:
     info = bag_info(foreign)
     assert info["time"] == "of receipt"
-    assert [episode["outcome"] for episode in info["episodes"]] == ["none"] * 3
+    assert [episode["name"] for episode in info["episodes"]] == ["1:0", "6:4", "1:2"]
     assert info["messages_seen"] is None
-    assert info["missing"] == ["/world/state: episodes and CurvTTC come from odometry, outcomes are unknown; no verify"]
+    assert info["missing"] == [
+        "records of episodes: they are found by reading all of the world's states",
+        "the nodes' parameters: no verify",
+    ]
 
 
 def test_info_of_a_cut_off_bag_tells_what_is_readable_and_that_it_is_damaged(own_bag: Path, tmp_path: Path) -> None:
@@ -193,18 +193,10 @@ def test_verify_refuses_weights_of_another_hash(own_bag: Path, tmp_path: Path) -
 
 def test_chosen_episodes_are_exported_whatever_the_filters_say(own_bag: Path, tmp_path: Path) -> None:
     chosen = next(e for e in bag_info(own_bag)["episodes"] if e["least_curvttc"] is not None)
-    export_bag(own_bag, tmp_path / "out", episodes=chosen["name"], console=Console(file=io.StringIO()))
-    (table,) = (pl.read_parquet(path) for path in (tmp_path / "out").glob("Location*.parquet"))
+    result = run("export", own_bag, "-o", tmp_path / "out", "--episodes", chosen["name"], "--csv")
+    assert result.exit_code == 0, result.output
+    (path,) = (tmp_path / "out").glob("Location*.parquet")
+    assert path.with_suffix(".csv").is_file()
+    table = pl.read_parquet(path)
     assert table["count"].unique().to_list() == [chosen["episode"]]
     assert table.height == chosen["end_tick"] - chosen["start_tick"] + 1
-
-
-def test_another_tools_bag_is_exported_from_its_odometry(foreign: Path, tmp_path: Path) -> None:
-    result = run("export", foreign, "-o", tmp_path / "out", "--episodes", "0-9")
-    assert result.exit_code == 0, result.output
-    files = sorted(path.name for path in (tmp_path / "out").rglob("odometry.*"))
-    assert files
-    assert not any(name.endswith(".csv") for name in files)
-    assert run("export", foreign, "-o", tmp_path / "text", "--episodes", "0-9", "--csv").exit_code == 0
-    texts = [path.with_suffix(".csv").name for path in (tmp_path / "text").rglob("odometry.parquet")]
-    assert texts == [path.name for path in (tmp_path / "text").rglob("odometry.csv")] != []

@@ -8,7 +8,7 @@ from pathlib import Path
 import mcap.writer
 import numpy as np
 import pytest
-from bags.copied import ODOMETRY, copied
+from bags.copied import copied
 from mcap.writer import IndexType
 from rosbags.rosbag2 import Reader
 
@@ -126,20 +126,6 @@ def test_repair_completes_the_last_file_of_a_split_bag_and_keeps_the_others(tmp_
         assert reader.message_count == len(times)
 
 
-def test_odometry_of_another_tool_gives_the_motion_and_curvttc_of_the_graph(own_bag: Path, foreign: Path) -> None:
-    graph = [tick for tick in read_bag(own_bag) if tick.state["status"][0]]
-    other = list(read_bag(foreign))
-    assert len(other) == len(graph)
-    assert other[0].period == pytest.approx(0.05)
-    for name in ("vehicle_x", "vehicle_y", "vehicle_speed", "pedestrian_x", "pedestrian_vx", "pedestrian_vy"):
-        found, expected = ([float(tick.state[name][0]) for tick in ticks] for ticks in (other, graph))
-        np.testing.assert_allclose(found, expected, atol=1e-9, err_msg=name)
-    found, expected = ([float(tick.curvttc[0]) for tick in ticks] for ticks in (other, graph))
-    both = np.isfinite(found) & np.isfinite(expected)
-    assert both.sum() > 10
-    np.testing.assert_allclose(np.array(found)[both], np.array(expected)[both], atol=1e-6)
-
-
 @pytest.mark.parametrize("untimed", [1, 2])
 def test_an_episode_whose_first_messages_came_before_the_clock_begins_with_it(
     own_bag: Path, foreign: Path, tmp_path: Path, untimed: int
@@ -213,16 +199,6 @@ def test_what_is_not_in_the_index_of_a_file_is_read_all_the_same(own_bag: Path, 
     held = {name: topic for name, topic in Bag(own_bag).topics().items() if topic.messages}
     assert Bag(again).topics() == held
     assert list(Bag(again).messages()) == list(Bag(own_bag).messages())
-
-
-def test_one_of_the_two_odometry_topics_alone_is_not_enough_and_what_is_missing_is_said(
-    own_bag: Path, tmp_path: Path
-) -> None:
-    folder = copied(own_bag, tmp_path / "bag", ODOMETRY[:1])
-    with pytest.raises(
-        InvalidInput, match="without both /vehicle/odometry and /pedestrian/odometry .* it has /vehicle"
-    ):
-        list(read_bag(folder))
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Episodes of a bag, each with a text record in the file, so that one episode can be read without the rest.
 
 A record is written when its episode has ended. A bag without records, since another tool recorded or converted it,
-gives its episodes from the world's states or odometry themselves; that reads all of them.
+gives its episodes from the world's states themselves; that reads all of them.
 """
 
 import itertools
@@ -110,7 +110,7 @@ class EpisodeLog:
 def bag_episodes(bag: Bag) -> list[BagEpisode]:
     """Return the episodes of a bag that ended in it, in the order of their ends.
 
-    :raises InvalidInput: the bag is damaged, or has no states of a vehicle and a pedestrian.
+    :raises InvalidInput: the bag is damaged, or has no states of the world.
     """
     records = [values for name, values in bag.records() if name == EPISODE_RECORD]
     if not records:

@@ -14,7 +14,6 @@ from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_tables import FORMATS
-from vpsci_ros.data.episode import NO_SCENARIO, group_of
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.errors import InvalidInput
@@ -68,7 +67,7 @@ def export_bag(
 
     with DatasetWriter(
         folder,
-        {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
+        {scenario.number: scenario.name for scenario in scenarios},
         {"period": first.period, **provenance_of(bag)},
         filters=filters,
         formats=formats,

@@ -12,7 +12,6 @@ from rich.markup import escape as without_markup
 from rich.table import Table
 
 from vpsci_ros.bags.episodes import EPISODE_RECORD, BagEpisode, bag_episodes
-from vpsci_ros.bags.odometry import ODOMETRY
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.bags.topic_info import TopicInfo, extent
@@ -49,7 +48,7 @@ def bag_info(path: str | Path) -> dict[str, Any]:
     first, last = extent(topics.values())
     duration = (last - first) * 1e-9
     factor = 1.0 if simulated else _simulated_share(bag, topics)
-    episodes = _episodes(bag, topics)
+    episodes = bag_episodes(bag) if WORLD in topics and topics[WORLD].messages else []
     seen, written = run.count("seen"), run.count("written")
     return {
         "bag": str(path),
@@ -84,10 +83,8 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
     """Return sentences about what a bag lacks, and which commands need it."""
     has = {name for name, topic in topics.items() if topic.messages}
     missing = []
-    if WORLD not in has and set(ODOMETRY) <= has:
-        missing.append(f"{WORLD}: episodes and CurvTTC come from odometry, outcomes are unknown; no verify")
-    elif WORLD not in has:
-        missing.append(f"{WORLD}, and one of {' and '.join(ODOMETRY)}: no export, no verify")
+    if WORLD not in has:
+        missing.append(f"{WORLD}: no episodes, no export, no verify")
     elif SAFETY not in has:
         missing.append(f"{SAFETY}: CurvTTC is unknown")
     if WORLD in has and EPISODE_RECORD not in records:
@@ -177,16 +174,6 @@ def _simulated_share(bag: Bag, topics: dict[str, TopicInfo]) -> float:
     return float(times[1].sec - times[0].sec + 1e-9 * (times[1].nanosec - times[0].nanosec)) / (
         1e-9 * (clock.last - clock.first)
     )
-
-
-def _episodes(bag: Bag, topics: dict[str, TopicInfo]) -> list[BagEpisode]:
-    recorded = {name for name, topic in topics.items() if topic.messages}
-    try:
-        return bag_episodes(bag)
-    except InvalidInput:
-        if WORLD not in recorded and not set(ODOMETRY) <= recorded:
-            return []
-        raise
 
 
 def _episode(episode: BagEpisode) -> dict[str, Any]:

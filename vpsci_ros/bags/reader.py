@@ -18,7 +18,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
 from vpsci_ros.wire.layout import WORLD
 
-VEHICLE = "/vehicle/odometry"
 _SQLITE = "a bag in sqlite3 storage is not read: have `ros2 bag convert` make one of MCAP"
 
 
@@ -82,7 +81,7 @@ class Bag:
         """Names of topics in the files -> without the graph's prefix; one that hides behind another is left out."""
         prefix = self._prefix
         if prefix is None:
-            graphs = {name.removesuffix(own) for own in (WORLD, VEHICLE) for name in self._named if name.endswith(own)}
+            graphs = {name.removesuffix(WORLD) for name in self._named if name.endswith(WORLD)}
             prefix = graphs.pop() if len(graphs) == 1 else ""
         prefix = prefix.rstrip("/")
         names = {name: name.removeprefix(prefix) for name in self._named if name.startswith(f"{prefix}/")}

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
 from vpsci_ros.bags.reader import Bag, BagTick, opened
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
@@ -27,8 +26,6 @@ def read_bag(
     take_events: Callable[[NDArray[Any]], None] | None = None,
 ) -> Iterator[BagTick]:
     """Yield every tick of a bag in order.
-
-    A bag without the world's states gives what its odometry says: see `vpsci_ros.bags.odometry`.
 
     :param start, stop: log times [ns] of the first and the last tick wanted.
     :param take_events: called with the EVENT[n] of each message of events in these times.
@@ -58,11 +55,6 @@ def read_bag(
         ticks += 1
         yield _tick(bag.path, *waiting.pop(tick), answers.pop(tick, None))
     if ticks == 0:
-        for found in odometry_ticks(bag):
-            ticks += 1
-            if start <= found.time <= stop:
-                yield found
-    if ticks == 0:
         raise InvalidInput(f"{bag.path}: {what_is_missing(bag)}")
 
 
@@ -75,9 +67,8 @@ def what_is_missing(bag: Bag) -> str:
         recorded = any(topic.messages for topic in topics.values())
         return f"the bag holds no message of {WORLD}" + ("" if recorded else "; nothing was recorded")
     return (
-        f"no message of {WORLD}, so this is no bag of a vpsci graph, and without both {' and '.join(ODOMETRY)} it is "
-        f"none of a drive past a pedestrian either; it has {', '.join(topics)}; of several graphs in namespaces choose "
-        "one by --topic-prefix"
+        f"no message of {WORLD}, so this is no bag of a vpsci graph; it has {', '.join(topics)}; of several graphs in "
+        "namespaces choose one by --topic-prefix"
     )
 
 

@@ -26,7 +26,6 @@ STANDING = 1e-3  # [m/s] below which a velocity has no direction
 _MOTION = ("x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy", "distance")
 BATCH = 512  # episodes that are classified at once
 _OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled", "seen")
-NO_SCENARIO = 0  # number that stands for none: of a bag that holds odometry alone
 
 QUANTITIES = (
     "position_x_av",
@@ -83,7 +82,7 @@ class Listed(NamedTuple):
 
 def group_of(number: int, scenario: Scenario | None) -> str:
     """Return the name of a scenario, or a placeholder if it is unknown."""
-    return scenario.name if scenario else "odometry" if number == NO_SCENARIO else f"scenario_{number}"
+    return scenario.name if scenario else f"scenario_{number}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,17 +184,6 @@ def transitions(message: Any, where: str = "/replay") -> Array:
     return rows
 
 
-def motion(message: Any, agent: str) -> PlanarMotion:
-    """Return the motion in an Odometry message of "vehicle" or "pedestrian"."""
-    pose, twist, q = message.pose.pose, message.twist.twist, message.pose.pose.orientation
-    yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    along, across = twist.linear.x, twist.linear.y
-    course = yaw + np.arctan2(across, along) if agent == "pedestrian" else yaw
-    return PlanarMotion(
-        *map(float, (pose.position.x, pose.position.y, course, np.hypot(along, across), twist.angular.z))
-    )
-
-
 def _records(message: Any, shapes: dict[str, tuple[int, ...]], into: Array, where: str) -> Array:
     """Fill records' fields, by name -> shape in one record, from the sequences of a message; return the records.
 
