@@ -78,7 +78,7 @@ def samples(
 
     Prints rewards and critic losses of the training, and rewards and errors on
     held-out clips, which are the same for all sizes, beside the last velocity
-    repeated. Writes table_3.csv, table_3.png, run.json and a folder for each
+    repeated. Writes table_3.csv, run.json and a folder for each
     size. The same command resumes a stopped study (Ctrl-C); finished sizes
     are not trained again.
 
@@ -172,7 +172,7 @@ def models(
     transformer, lstm and feedforward predict the next velocity; ..._ddpg and
     ddpg are trained by reinforcement. With --refine params/stage2_online.yaml
     and --simulated TABLE each is also trained in simulation and measured there
-    (..._refined). Writes models.json, models.md, models.png, run.json and a
+    (..._refined). Writes models.json, models.md, run.json and a
     folder for each fold, with weights for --weights. With --steps 0.3,1,3 the
     step sizes of the files are multiplied by the factor that is best on a
     quarter of the training clips. The same command resumes a stopped study

@@ -23,8 +23,6 @@ from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import (
     print_table_3,
     print_table_9,
-    save_table_3,
-    save_table_9,
 )
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.policy.simulation_config import SimulationConfig
@@ -56,9 +54,8 @@ def run_sample_study(
                 corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, site=site, report=report
             )
         run.results["table_3"] = table.to_dicts()
-        save_table_3(table, folder / "table_3.png")
     print_table_3(table, Console())
-    print(f"written: {folder / 'table_3.csv'}, table_3.png and run.json beside it")
+    print(f"written: {folder / 'table_3.csv'} and run.json beside it")
 
 
 def run_fold_study(
@@ -185,10 +182,9 @@ def run_model_study(
                 report=report,
             )
         run.results |= result
-        save_table_9(result, folder / "models.png")
         write_text(folder / PAGE, table_9_page(result))
     print_table_9(result, Console())
-    print(f"written: {folder / MODELS_RESULT}, models.png, {PAGE} and run.json beside it")
+    print(f"written: {folder / MODELS_RESULT}, {PAGE} and run.json beside it")
 
 
 def _hybrid(refine: Sections | None, simulated: Path | None, fresh_episodes: int) -> Hybrid | None:
