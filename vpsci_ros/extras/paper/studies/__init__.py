@@ -11,7 +11,7 @@ In reading order:
 * `networks`: the training of each network of `policy.models` for `vpsci study models`
 * `trials`: tuning of the step sizes (learning rates) for each row of Table 9, on a part of its training clips
 * `state`: the stored results of a study, so that a resumed study computes only missing ones
-* `tables`: Tables 3 and 9 beside the paper's values, as text
+* `tables`: Table 3 beside the paper's values, as text
 * `table_9_page`: Table 9 as a page in Markdown: all columns, the main ones with intervals
 * `paper`: all figures and tables of the paper that can be drawn from a dataset and from results of other commands
 """

@@ -20,10 +20,7 @@ from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.state import StudyReport
 from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
-from vpsci_ros.extras.paper.studies.tables import (
-    print_table_3,
-    print_table_9,
-)
+from vpsci_ros.extras.paper.studies.tables import print_table_3
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.runs.files import write_text
@@ -182,8 +179,9 @@ def run_model_study(
                 report=report,
             )
         run.results |= result
-        write_text(folder / PAGE, table_9_page(result))
-    print_table_9(result, Console())
+        page = table_9_page(result)
+        write_text(folder / PAGE, page)
+    print(page)
     print(f"written: {folder / MODELS_RESULT}, {PAGE} and run.json beside it")
 
 

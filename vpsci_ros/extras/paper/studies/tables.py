@@ -1,12 +1,11 @@
-"""Tables 3 and 9 beside the paper's values, as text."""
+"""Table 3 beside the paper's values, as text."""
 
 from typing import Any
 
 import polars as pl
 from rich.console import Console
 
-from vpsci_ros.evaluation.error_table import share_text
-from vpsci_ros.extras.paper.published import TABLE_3, TABLE_9
+from vpsci_ros.extras.paper.published import TABLE_3
 from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.world.observation import AGENTS
 
@@ -37,29 +36,6 @@ def print_table_3(table: pl.DataFrame, console: Console) -> None:
         "Rewards and losses depend on the data, so the paper's show a trend only. Rewards in training are measured "
         "against the subset's own deviations, those on held-out clips against the whole table's. '-': all clips are "
         "needed to learn from, so none is held out. repeat_velocity and fading_acceleration are controls.",
-        highlight=False,
-    )
-
-
-def print_table_9(result: dict[str, Any], console: Console) -> None:
-    """Print a result of `model_comparison.compare_models` in 80 columns; `table_9_page` has all columns."""
-    rows = []
-    for name, of in result["models"].items():
-        if name == "constant_velocity":
-            continue
-        once, loop, paper = of["reconstruction"], of["closed_loop"], TABLE_9.get(name)
-        published = f"[{paper.ade:.3f}]" if paper else ""
-        share = share_text(loop["ade_ratio"], loop["ade_ratio_interval"])
-        rows.append((name.replace("_refined", " +"), f"{once['ade']:.4f}", published, f"{loop['ade']:.3f}", share))
-    title = f"{result['interactions']} interactions of {result['clips']} clips, each held out once; ADE in metres"
-    heads = ["model", "recon-\nstruction", "paper's", "closed\nloop", "its share of\nthe control's"]
-    console.print(text_table(title, heads, rows))
-    console.print(
-        "+: hybrid learning. ..ddpg: by reinforcement, "
-        "the others by supervision. The control is repeat_velocity; constant_velocity_tracked starts its "
-        f"closed loop as the models do. Intervals: 95%, {result['units']} resampled, "
-        f"{result.get('seeds', 1)} training(s) a fold. The paper's ADE is of its own data. "
-        "The other columns: models.md.",
         highlight=False,
     )
 
