@@ -1,6 +1,5 @@
 """The commands `vpsci study`, `vpsci turing` and `vpsci published`."""
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -156,10 +155,6 @@ def models(
     fresh_episodes: Annotated[
         int, typer.Option(min=1, metavar="N", help="Episodes in each scenario for measuring outcomes.")
     ] = 40,
-    steps: Annotated[
-        str | None,
-        typer.Option(metavar="FACTOR,...", help="Factors of the step sizes, tried for each model on training clips."),
-    ] = None,
     settings: Settings = None,
     workers: Workers = None,
     cluster: Cluster = None,
@@ -173,17 +168,14 @@ def models(
     ddpg are trained by reinforcement. With --refine params/stage2_online.yaml
     and --simulated TABLE each is also trained in simulation and measured there
     (..._refined). Writes models.json, models.md, run.json and a
-    folder for each fold, with weights for --weights. With --steps 0.3,1,3 the
-    step sizes of the files are multiplied by the factor that is best on a
-    quarter of the training clips. The same command resumes a stopped study
-    (Ctrl-C); finished trainings are not repeated.
+    folder for each fold, with weights for --weights. The same command resumes
+    a stopped study (Ctrl-C); finished trainings are not repeated.
 
     Budgets and their cost: docs/results.md. For a test of a minute:
     --models sst,lstm --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run_studies import run_model_study
 
-    factors = _factors(steps)
     site = site_of(workers, cluster, mixed_cpus)
     with stoppable(output):
         run_model_study(
@@ -192,7 +184,6 @@ def models(
             given_names(chosen or "", "--models"),
             folds=count,
             seeds=seeds,
-            factors=factors,
             refine=None if refine is None else read_sections(refine, None, near_misses),
             simulated=simulated,
             fresh_episodes=fresh_episodes,
@@ -233,16 +224,6 @@ def paper(
     for name, command in missing.items():
         print(f"not given: {name.replace('_', ' ')} ({command})")
     print(f"written: {output / PAGE}; paper.json and figure_N.png beside it")
-
-
-def _factors(text: str | None) -> list[float]:
-    try:
-        factors = [float(part) for part in given_names(text or "", "--steps")]
-    except ValueError:
-        factors = [math.nan]
-    if not all(0.01 <= factor <= 100.0 for factor in factors):
-        raise InvalidInput(f"--steps {text}: expected numbers from 0.01 to 100 with commas, say 0.3,1,3")
-    return factors
 
 
 @turing_app.command()

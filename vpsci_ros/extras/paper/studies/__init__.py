@@ -9,7 +9,6 @@ In reading order:
 * `cross_validation`: Cross-validation of stages 1 and 2: errors on each clip while it is held out, each clip once
 * `folds`: folds by clip: every clip is held out in one fold, and errors of all folds are pooled
 * `networks`: the training of each network of `policy.models` for `vpsci study models`
-* `trials`: tuning of the step sizes (learning rates) for each row of Table 9, on a part of its training clips
 * `state`: the stored results of a study, so that a resumed study computes only missing ones
 * `tables`: Table 3 beside the paper's values, as text
 * `table_9_page`: Table 9 as a page in Markdown: all columns, the main ones with intervals

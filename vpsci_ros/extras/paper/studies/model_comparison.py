@@ -21,7 +21,6 @@ from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, shares_of_ends
 from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train
 from vpsci_ros.extras.paper.studies.state import StudyReport, once, side_by_side
-from vpsci_ros.extras.paper.studies.trials import try_steps, with_steps
 from vpsci_ros.learning import online
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.training_config import PretrainConfig
@@ -45,7 +44,6 @@ def compare_models(
     out_dir: str | Path,
     seeds: int = 1,
     hybrid: Hybrid | None = None,
-    factors: Sequence[float] = (),
     site: Site = HERE,
     report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
@@ -55,15 +53,13 @@ def compare_models(
     `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
     one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
     classifier; of the first seed), with `hybrid` `world` (`shares_of_ends`; of the control `constant_velocity`, too),
-    with `factors` `trials` (what `try_steps` found in each fold), and, where `ma_sst_ddpg` is among the models, its ADE
-    by protocol and its energy score as shares of that model's,
+    and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
     with 95% intervals. A training that is stopped begins again; finished ones are kept. One by
     reinforcement in simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
 
     :param models: of `vpsci_ros.policy.models.MODELS`.
     :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
     :param hybrid: None: data-driven learning alone.
-    :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
     :param site: where the models are learned: each in each fold, with all its seeds, by one worker.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; or
@@ -79,24 +75,18 @@ def compare_models(
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     data_driven: dict[str, Pooled] = {}
     refined: dict[str, Pooled] = {}
-    trials: dict[str, list[dict[str, Any]]] = {name: [] for name in models}
     tables = [training for training, _ in parts]
-    learner = _Learner(tables, config, network, models, seeds, seed, hybrid, factors, identity)
+    learner = _Learner(tables, config, network, models, seeds, seed, hybrid, identity)
     pairs = [(number, name) for number in range(1, folds + 1) for name in models]
     todo = [pair for pair in pairs if not (_folder(out_dir, *pair, seeds - 1) / DONE).exists()]
     side_by_side(site, learner.learn, todo, out_dir, report)
     for number, name in pairs:
         held_out = parts[number - 1][1]
-        trial, learned = learner.learn(out_dir, (number, name), report)
-        trials[name] += trial
-        for s, (path, gone_on) in enumerate(learned):
+        for s, (path, gone_on) in enumerate(learner.learn(out_dir, (number, name), report)):
             measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
             if gone_on is not None:
                 measuring.add(refined.setdefault(name + REFINED, Pooled()), gone_on, held_out, s, hybrid)
     result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
-    if factors:
-        for name in models:
-            result["models"][name]["trials"] = trials[name]
     if hybrid is not None:
         result["models"]["constant_velocity"]["world"] = shares_of_ends([hybrid.ends(None)])
     write_json(out_dir / RESULT, result)
@@ -121,34 +111,26 @@ class _Learner:
     seeds: int
     seed: int
     hybrid: Hybrid | None
-    factors: Sequence[float]
     identity: Mapping[str, Any]
 
     def learn(
         self, out_dir: Path, pair: tuple[int, str], report: StudyReport = lambda *_: None
-    ) -> tuple[list[dict[str, Any]], list[tuple[Path, Path | None]]]:
-        """Return a model's trial in a fold, if there is one, and by seed its weights, data-driven and hybrid.
+    ) -> list[tuple[Path, Path | None]]:
+        """Return a model's weights in a fold by seed, data-driven and hybrid.
 
         :param pair: number of the fold, name of the model.
         """
-        (number, name), own, trial = pair, self.config, list[dict[str, Any]]()
-        table, found = self.tables[number - 1], list[tuple[Path, Path | None]]()
+        (number, name), found = pair, list[tuple[Path, Path | None]]()
         for s in range(self.seeds):
             folder = _folder(out_dir, number, name, s)
             place = self.models.index(name) * self.seeds + s
             report_model = partial(_pass_on, report, f"{number}", place, len(self.models) * self.seeds)
-            if self.factors and s == 0:
-                of = {**self.identity, **resolved(own), "fold": number, "model": name, "factors": list(self.factors)}
-                begin = partial(report_model, {"episode": 0, "episodes": own.episodes})  # a trial shows nothing else
-                make = partial(try_steps, name, table, own, self.network, self.seed, self.factors, begin)
-                trial.append(once(folder / "trials", of, make))
-                own = with_steps(own, trial[0]["factor"])
-            of = {**self.identity, "fold": number, "model": name, **resolved(own), "training_seed": self.seed + s}
-            run = _Run(name, table, own, self.network, self.seed + s, folder, of)
+            of = {**self.identity, "fold": number, "model": name, "training_seed": self.seed + s}
+            run = _Run(name, self.tables[number - 1], self.config, self.network, self.seed + s, folder, of)
             path = run.data_driven(report_model)
             found.append((path, None if self.hybrid is None else run.hybrid(self.hybrid)))
             (folder / DONE).touch()
-        return trial, found
+        return found
 
 
 def _pass_on(report: StudyReport, fold: str, place: int, models: int, values: dict[str, float]) -> None:
@@ -183,7 +165,10 @@ class _Run:
         folder, start = self.folder / "refined", load_weights(self.folder / WEIGHTS)
         once(folder, hybrid.identity() | {"weights": start.digest()}, dict)
         if not by_reinforcement(self.name):
-            config = replace(with_steps(self.config, 0.3), episodes=max(1, self.config.episodes // 2))
+            updates = self.config.updates
+            actors, critics = 0.3 * updates.actor_learning_rate, 0.3 * updates.critic_learning_rate
+            updates = replace(updates, actor_learning_rate=actors, critic_learning_rate=critics)
+            config = replace(self.config, updates=updates, episodes=max(1, self.config.episodes // 2))
             most = self.table["interaction"].max() + 1  # type: ignore[operator]
             both = [self.table, hybrid.simulated.with_columns(pl.col("interaction") + most)]
             return self._trained(folder / WEIGHTS, pl.concat(both), config, start=start)

@@ -133,7 +133,6 @@ def run_model_study(
     *,
     folds: int,
     seeds: int,
-    factors: Sequence[float],
     refine: Sections | None,
     simulated: Path | None,
     fresh_episodes: int,
@@ -144,7 +143,6 @@ def run_model_study(
 
     :param models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
     :param folds, seeds: trainings of each model: `folds` times `seeds`.
-    :param factors: of the step sizes, tried for each model in each fold; none: no trial.
     :param refine, simulated: sections of stage 2 for models by reinforcement, and a near-miss table of simulated
         interactions for the others; None: data-driven learning alone.
     :param fresh_episodes: in each scenario, by `FRESH_SEED`, in which every model is measured.
@@ -157,7 +155,7 @@ def run_model_study(
         MODELS.find(name)
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     hybrid, files = _hybrid(refine, simulated, fresh_episodes), corpus_files(learner.near_misses)
-    facts: dict[str, Any] = {"models": models, "folds": folds, "seeds": seeds, "factors": list(factors)}
+    facts: dict[str, Any] = {"models": models, "folds": folds, "seeds": seeds}
     if hybrid is not None:
         assert simulated is not None
         facts |= {"hybrid": hybrid.identity(), "fresh_episodes": fresh_episodes, "fresh_seed": hybrid.seed}
@@ -174,7 +172,6 @@ def run_model_study(
                 out_dir=folder,
                 seeds=seeds,
                 hybrid=hybrid,
-                factors=factors,
                 site=site,
                 report=report,
             )

@@ -18,7 +18,7 @@ def table_9_page(result: dict[str, Any]) -> str:
     """Return the result of `model_comparison.compare_models` as Markdown; `+` in a name means hybrid learning.
 
     Errors [m, m/s] by both protocols with the paper's ADE on its own data; where they were measured, likeness to
-    people, outcomes in simulation and cost; and which steps each model took, if it tried several.
+    people, outcomes in simulation and cost.
     """
     models = {_title(name): (name, of) for name, of in result["models"].items() if name != "constant_velocity"}
     extent = (
@@ -30,8 +30,6 @@ def table_9_page(result: dict[str, Any]) -> str:
     if any("people" in of or "world" in of for of in learned.values()):
         control = result["models"].get("constant_velocity", {})
         parts.append(_people(learned | {"no reaction (velocities kept)": {"world": control.get("world")}}))
-    if any("trials" in of for of in learned.values()):
-        parts.append(_trials(learned))
     return "\n".join(parts)
 
 
@@ -92,12 +90,3 @@ def _rates(world: dict[str, Any]) -> list[str]:
     spread = f"{100.0 * min(by_training):.0f} to {100.0 * max(by_training):.0f}%"
     shown = [f"{100.0 * r:.0f}% [{100.0 * e[0]:.0f}, {100.0 * e[1]:.0f}]" for r, e in ((rate, ends), (goal, goal_ends))]
     return [shown[0], spread if len(by_training) > 1 else "", shown[1]]
-
-
-def _trials(models: dict[str, dict[str, Any]]) -> str:
-    rows = []
-    for title, of in models.items():
-        for fold, trial in enumerate(of.get("trials", []), 1):
-            tried = ", ".join(f"{factor}: {ade:.3f}" for factor, ade in trial["ade"].items())
-            rows.append([title, str(fold), f"{trial['factor']:g}", tried])
-    return markdown(["model", "fold", "steps times", "closed-loop ADE [m] of each trial"], rows)
