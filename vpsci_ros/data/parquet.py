@@ -54,14 +54,11 @@ def write_parquet(table: pl.DataFrame, path: str | Path, columns: Mapping[str, C
         pq.write_table(arrow, part, compression="zstd", **(own if single else {}))
 
 
-def read_parquet(
-    path: str | Path, what: str, columns: Iterable[str] = (), absent: Mapping[str, Any] | None = None
-) -> pl.DataFrame:
+def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl.DataFrame:
     """Read a Parquet file by Arrow, which refuses a damaged file on which polars would panic.
 
     :param what: what the file should hold, for the error message.
     :param columns: it must have, and that are returned; none: all that it has.
-    :param absent: values of columns that it may lack.
     :raises InvalidInput: no such file, not Parquet, damaged, or a column is missing.
     """
     path = Path(path)
@@ -76,7 +73,6 @@ def read_parquet(
             table = read_bounded(file)
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError, TypeError) as error:
         raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {reason(error)}") from error
-    table = table.with_columns(pl.lit(v).alias(n) for n, v in (absent or {}).items() if n not in table.columns)
     if missing := [name for name in columns if name not in table.columns]:
         has = ", ".join(table.columns) or "none"
         raise InvalidInput(f"{path}: expected {what}; column {', '.join(missing)} is missing, it has {has}")

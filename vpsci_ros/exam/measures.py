@@ -66,7 +66,6 @@ COLUMNS: dict[str, Column] = {
         "pedestrian `learned`: 'beyond' the range of its recorded onsets as it becomes critical, or 'within'; else ''",
     ),
 }
-_OLDER = {"range": "", "head_start": math.nan, "hurried": math.nan}  # what exams from before 26 November 2026 lack
 
 
 def read_episode_table(folder: Path) -> pl.DataFrame:
@@ -74,7 +73,7 @@ def read_episode_table(folder: Path) -> pl.DataFrame:
 
     :raises InvalidInput: there is no such table, or it cannot be read.
     """
-    return read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS, _OLDER)
+    return read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
 
 
 def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:
