@@ -13,7 +13,7 @@ from vpsci_ros.data.episode import YIELDED, Episode, yields
 from vpsci_ros.data.parquet import Column, read_parquet
 from vpsci_ros.exam.exam_config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS
 from vpsci_ros.exam.result import RunResult, first_critical
-from vpsci_ros.exam.timing import Timing, hurried
+from vpsci_ros.exam.timing import Timed, Timing
 from vpsci_ros.policy.onset_range import range_of_episode
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION
@@ -148,7 +148,7 @@ def episode_table(
                 "kind": seen_of.kind,
                 "group_size": seen_of.pedestrians,
                 "head_start": timed.ahead if timed and timed.of else math.nan,
-                "hurried": hurried(timed, driven),
+                "hurried": _hurried(timed, driven),
                 "unanswered": run.unanswered.get(episode.key, 0),
                 "range": range_of_episode(episode, reach),
             }
@@ -178,3 +178,13 @@ def lane_departure(episode: Episode) -> tuple[float, float]:
     here = np.hypot(apart[..., 0], apart[..., 1]).argmin(axis=1)
     beside = ahead[here, 0] * apart[range(len(here)), here, 1] - ahead[here, 1] * apart[range(len(here)), here, 0]
     return float(np.abs(beside).max()), 0.5 * lane.lane_width
+
+
+def _hurried(timed: Timed | None, episode: Episode) -> float:
+    """Return the time [s] by which the car is earlier where it would touch the pedestrian than on the empty road.
+
+    NaN: the episode is not timed, or the car does not come there.
+    """
+    if timed is None or not timed.of or not (there := episode.path >= timed.way).any():
+        return math.nan
+    return timed.time - float(episode.time[there.argmax()])

@@ -242,16 +242,6 @@ def _within(starts: Floats, share: float) -> float:
     return float(starts.min() + share * (starts.max() - starts.min()))
 
 
-def hurried(timed: Timed | None, episode: Episode) -> float:
-    """Return the time [s] by which the car is earlier where it would touch the pedestrian than on the empty road.
-
-    NaN: the episode is not timed, or the car does not come there.
-    """
-    if timed is None or not timed.of or not (there := episode.path >= timed.way).any():
-        return math.nan
-    return timed.time - float(episode.time[there.argmax()])
-
-
 def head_starts(timing: Timing) -> dict[Key, tuple[float, float]]:
     """Return (scenario, episode) -> head start, and time straight on [s]; see `Exam.head_starts`."""
     return {key: (timed.head_start, timed.straight) for key, timed in timing.items()}
