@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -106,39 +106,23 @@ def _shown(episode: Episode, row: dict[str, Any]) -> Shown:
     """Return an episode with who yielded by the exam, its shares as marks, and the group of its failure."""
     marks = tuple(name for name in MARKS if row[f"mark {name}"])
     marks += ("beyond_range",) if row["range"] == "beyond" else ()
-    return Shown(episode, row["yielded"], marks, str(failure_group(row, episode)) if row["grouped"] else "")
+    return Shown(episode, row["yielded"], marks, failure_group(row, episode) if row["grouped"] else "")
 
 
-class FailureGroup(NamedTuple):
-    """The common properties of a group of failures; its text is shown on the page.
+def failure_group(row: Mapping[str, Any], episode: Episode) -> str:
+    """Return the common properties of failures such as this episode, in words, by which the page filters.
 
-    :ivar kind: of the pedestrian; `hidden`: behind parked vehicles as it became critical.
-    :ivar contact: "moving vehicle", "standing vehicle", "parked vehicle", or "none".
-    :ivar came_first: where they touch: "pedestrian", before the front, or "vehicle", touched in its side; empty: no
-        contact of the two.
-    """
-
-    scenario: int
-    kind: str
-    hidden: bool
-    contact: str
-    came_first: str
-
-    def __str__(self) -> str:
-        what = {"none": "no contact", "parked vehicle": "hits a parked vehicle"}.get(self.contact, self.contact)
-        first = f", {self.came_first} came first" if self.came_first else ""
-        return f"{self.scenario}: {self.kind or 'adult'} {'hidden' if self.hidden else 'in sight'}, {what}{first}"
-
-
-def failure_group(row: Mapping[str, Any], episode: Episode) -> FailureGroup:
-    """Return the group of an episode that failed.
+    Scenario, kind of the pedestrian, whether parked vehicles hid it as it became critical, what touched, and who came
+    to the contact first.
 
     :param row: of it in the table of episodes, `vpsci_ros.exam.measures.COLUMNS`.
     """
-    contact = "parked vehicle" if row["parked_collision"] else "none"
+    contact = "hits a parked vehicle" if row["parked_collision"] else "no contact"
     if row["collision"]:
         contact = "moving vehicle" if row["moving_collision"] else "standing vehicle"
-    return FailureGroup(row["scenario"], row["kind"], row["hidden"], contact, came_first(episode))
+    first = came_first(episode)
+    who = f"{row['kind'] or 'adult'} {'hidden' if row['hidden'] else 'in sight'}"
+    return f"{row['scenario']}: {who}, {contact}{f', {first} came first' if first else ''}"
 
 
 def came_first(episode: Episode) -> str:

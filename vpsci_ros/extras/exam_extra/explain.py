@@ -7,18 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import polars as pl
-
 from vpsci_ros.data.dataset_reader import EXAM
-from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
+from vpsci_ros.exam.exam import identity_of, prepare, take_folder
 from vpsci_ros.exam.exam_config import ADS, title_of
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import definitions, rows_of
 from vpsci_ros.exam.timing import head_starts, read_timing
-from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group, stored_episodes
+from vpsci_ros.exam.view import exam_sources, stored_episodes
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
 from vpsci_ros.lockstep.engines import require_own
@@ -56,7 +53,6 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     episodes = {name: list(stored_episodes(folder, ADS, name)) for name in names}
     own.mkdir(exist_ok=True)
     why, searches = explain(exam, own, episodes, table, failures, workers=workers, limit=limit, quiet=quiet)
-    why["groups"] = groups_of(exam, episodes, table)
     write_text(own / "report.json", json.dumps(why, indent=2, allow_nan=False) + "\n")
     sources = exam_sources(table, {ADS: episodes}, LIMIT, why["failure"])
     mine = {name: [each for each in searches if each.pedestrian == name] for name in names}
@@ -67,34 +63,10 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
         "ads": stored["ads"],
         "failure": definitions()[f"{why['failure']}_rate"]["title"],
         "titles": {name: title_of(name) for name in names},
-        "view": "view.html",
         "why_reasons": why_reasons,
-        "source": folder.name,
     }
     html.write_page(own / "report.html", _TEMPLATE, title=f"Why {stored['ads']} fails", **values)
     return own / "report.html"
-
-
-def groups_of(exam: Exam, episodes: Mapping[str, Sequence[Episode]], table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return groups of similar failures, the largest group first, each with its smallest failed episode.
-
-    That is the one with the fewest pedestrians, and of these the shortest.
-
-    :param episodes: pedestrian -> the system's episodes with it.
-    """
-    failed = pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(exam.config.failure)
-    by_key = {(name, each.key): each for name, driven in episodes.items() for each in driven}
-    groups: dict[tuple[str, FailureGroup], list[dict[str, Any]]] = {}
-    for row in table.filter((pl.col("driver") == ADS) & failed).to_dicts():
-        episode = by_key[row["pedestrian"], (row["scenario"], row["episode"])]
-        groups.setdefault((row["pedestrian"], failure_group(row, episode)), []).append(row)
-    found = []
-    for (pedestrian, group), members in groups.items():
-        smallest = min(members, key=lambda row: (row["group_size"], row["duration"], row["episode"]))
-        names = [f"{row['scenario']}:{row['episode']}" for row in members]
-        found.append({"pedestrian": pedestrian, **group._asdict(), "name": str(group), "episodes": names,
-                      "smallest": f"{smallest['scenario']}:{smallest['episode']}"})  # fmt: skip
-    return sorted(found, key=lambda group: (-len(group["episodes"]), group["pedestrian"], group["scenario"]))
 
 
 def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
