@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-import pyarrow.parquet as pq
 import pytest
 from polars.testing import assert_frame_equal
 
-from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, imported_clips, named
+from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, imported_clips
 from vpsci_ros.data.importers.described import LOST, described
 from vpsci_ros.data.importers.layout_file import KEYS, read_layout_file
 from vpsci_ros.data.importers.pairs import near_misses_of
-from vpsci_ros.data.near_misses import check_near_misses, read_near_misses, write_near_misses
+from vpsci_ros.data.near_misses import check_near_misses, write_near_misses
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
 
@@ -170,11 +169,10 @@ def test_a_row_of_both_that_is_half_described_is_refused(layout: dict[str, str],
         imported(tmp_path, in_one_row(), **(PAIRS | layout))
 
 
-def test_a_layout_names_its_source_and_the_option_overrides_it(tmp_path: Path) -> None:
+def test_a_layout_names_its_source(tmp_path: Path) -> None:
     result = imported(tmp_path / "a", rows(), source="my_corner")
     assert result.table["source"].unique().to_list() == ["my_corner"]
     assert [*result.metadata["sources"]] == ["my_corner"]
-    assert named(result, "other").table["source"].unique().to_list() == ["other"]
     write(tmp_path / "b", rows(), name="b.csv", source="elsewhere")
     both = import_folders([tmp_path / "a", tmp_path / "b"], ["described"])
     assert [summary.source for summary in both.summaries] == ["my_corner", "elsewhere"]
@@ -188,9 +186,6 @@ def test_the_size_of_a_layout_is_that_of_its_vehicles_and_is_stored_with_the_tab
     write_near_misses(result.table, tmp_path / "near.parquet", result.metadata)
     stored = read_metadata(tmp_path / "near.parquet")["sources"]["my_corner"]
     assert (stored["vehicle_length"], stored["vehicle_width"]) == (5.1, 2.0)
-    older = pq.read_table(tmp_path / "near.parquet").drop_columns(["veh_length", "veh_width"])
-    pq.write_table(older, tmp_path / "older.parquet")
-    assert read_near_misses(tmp_path / "older.parquet").equals(result.table)
 
 
 def test_clips_of_one_folder_have_one_source_and_one_size(tmp_path: Path) -> None:

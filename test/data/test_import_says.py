@@ -8,9 +8,7 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from vpsci_ros.cli.main import app
 from vpsci_ros.data.importers import ImportResult, import_trajectories, print_import_summary
 from vpsci_ros.data.near_misses import (
     DERIVED,
@@ -77,15 +75,6 @@ def test_pedestrians_faster_than_allowed_are_left_out_and_counted(tmp_path: Path
     assert (result.summaries[0].near_misses, result.summaries[0].pedestrians, result.summaries[0].fast) == (1, 1, 0)
     assert result.summaries[0].left_out == {"pedestrians faster than 2.5 m/s": 1}
     assert result.table["ped_vy"].to_numpy() == pytest.approx(1.3)
-
-
-def test_the_command_leaves_out_who_is_faster_than_it_is_told(tmp_path: Path) -> None:
-    imported(tmp_path, a_car_and(crossing("p", 1.3), crossing("q", 4.0)))
-    command = ["import", str(tmp_path), "--format", "described", "--fastest", "2.5", "-o", str(tmp_path / "o.parquet")]
-    done = CliRunner().invoke(app, command)
-    assert done.exit_code == 0, done.output
-    assert "left out: pedestrians faster than 2.5 m/s: 1" in done.output
-    assert read_near_misses(tmp_path / "o.parquet")["interaction"].n_unique() == 1
 
 
 def test_a_track_is_cut_where_it_jumps_as_nobody_runs_and_the_jump_is_counted(tmp_path: Path) -> None:

@@ -305,12 +305,9 @@ def test_a_bad_cell_is_named_with_line_and_column(clip_folder: Path, value: str,
         import_trajectories(clip_folder, "vci-dut")
 
 
-def test_an_empty_and_a_ragged_file_are_refused(clip_folder: Path) -> None:
+def test_a_file_without_a_row_is_refused(clip_folder: Path) -> None:
     edit(pedestrian_file(clip_folder), lambda lines: lines[:1])
     with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: expected one row a frame and road user, got none"):
-        import_trajectories(clip_folder, "vci-dut")
-    edit(pedestrian_file(clip_folder), lambda lines: [*lines, "3,10,ped,1,2,3,4,5,6,7"])
-    with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: not readable as CSV"):
         import_trajectories(clip_folder, "vci-dut")
 
 
