@@ -77,8 +77,8 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
         (["people", "right_turns", "--without", "cqut-pvi/dv", "-o", "x.safetensors"], "--without cqut-pvi/dv: no cl"),
         (["pretrain", "-o", "x", "--set", "learner.held_out_clips=[cqut-pvi/dv]"], "clips = cqut-pvi/dv: no clip"),
         (
-            ["study", "folds", "--params", "stage1_pretrain", "-o", "x", "--set", "learner.held_out_clips=[cqut-pvi/]"],
-            "held_out_clips = cqut-pvi/: ",
+            ["study", "models", "--params", "stage1_pretrain", "-o", "x", "--set", "learner.held_out_clips=[vci/]"],
+            "held_out_clips = vci/: ",
         ),
         (["study", "models", "--params", "stage1_pretrain", "-o", "x", "--models", "sst,,lstm"], "'sst,,lstm': expect"),
         (["export", "right_turns/dev", "--to", "osi", "-o", "x", "--episodes", ","], "--episodes ',': expected names"),

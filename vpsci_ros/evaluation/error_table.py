@@ -8,7 +8,7 @@ from vpsci_ros.runs.text_table import text_table
 
 
 def print_errors(result: dict[str, Any], console: Console) -> None:
-    """Print what `errors.evaluate` or `cross_validation.cross_validate` returned, in 80 columns."""
+    """Print what `errors.evaluate` returned, in 80 columns."""
     title = f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
     heads = ["", "recon-\nstruction\nADE", "\n\nFDE", "closed\nloop\nADE", "\n\nFDE", "\nits share of\nthe control's"]
     rows = []

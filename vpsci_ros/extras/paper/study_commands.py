@@ -28,7 +28,7 @@ Workers = Annotated[
 study_app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="The paper's Tables 3 and 9, cross-validation, and all its figures and tables.",
+    help="The paper's Tables 3 and 9, and all its figures and tables.",
     short_help="Repeat the paper's studies, tables and figures.",
     rich_help_panel="Measure",
 )
@@ -93,43 +93,6 @@ def samples(
     with stoppable(output):
         sections = read_sections(params, settings, near_misses)
         run_sample_study(sections, output, [*map(int, chosen)], site=site, quiet=quiet)
-
-
-@study_app.command()
-@writes_folder
-def folds(
-    params: Params,
-    output: Resumable,
-    near_misses: NearMisses = None,
-    count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings.")] = 5,
-    refine_with: Annotated[
-        Path | None, typer.Option("--refine", metavar="FILE", help="Also run stage 2, with this parameter file.")
-    ] = None,
-    settings: Settings = None,
-    workers: Workers = None,
-    cluster: Cluster = None,
-    mixed_cpus: MixedCpus = False,
-    quiet: Quiet = False,
-) -> None:
-    """Cross-validate stage 1, or stages 1 and 2: errors with every clip held out once, beside naive controls.
-
-    Trains once for each fold, on the clips of the other folds, and measures
-    each interaction with the policies not trained on its clip: Table 9's
-    columns, by two protocols. With --refine params/stage2_online.yaml each
-    fold is also trained in simulation. Writes cross_validation.json, run.json
-    and a folder for each fold. The same command resumes a stopped study
-    (Ctrl-C); finished folds are not trained again.
-
-    In full, with params/stage1_pretrain.yaml: hours on one core.
-    For a test of a minute: --folds 2 --set learner.episodes=20
-    """
-    from vpsci_ros.extras.paper.studies.run_studies import run_fold_study
-
-    site = site_of(workers, cluster, mixed_cpus)
-    with stoppable(output):
-        stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
-        sections = read_sections(params, settings, near_misses)
-        run_fold_study(sections, output, count, stage_2=stage_2, site=site, quiet=quiet)
 
 
 @study_app.command()

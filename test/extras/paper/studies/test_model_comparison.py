@@ -1,10 +1,11 @@
+import polars as pl
 import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.evaluation.errors import CONTROLS
-from vpsci_ros.extras.paper.studies.cross_validation import Refinement
+from vpsci_ros.extras.paper.studies.folds import folds_by_clip
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
-from vpsci_ros.extras.paper.studies.model_table import Hybrid
+from vpsci_ros.extras.paper.studies.model_table import Hybrid, Refinement
 from vpsci_ros.extras.paper.studies.table_9_page import table_9_page
 from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig, ReplayConfig
 from vpsci_ros.policy.policy_config import NetworkConfig
@@ -15,6 +16,24 @@ from vpsci_ros.world import WorldConfig, load_scenarios
 SMALL = NetworkConfig(hidden=16, heads=2)
 CONFIG = PretrainConfig(episodes=2, replay=ReplayConfig(batch_size=32))
 SIMULATED = ["ma_sst_ddpg", "transformer"]  # also in the hybrid setting
+
+
+def clips(part):
+    return set(part.select(pl.concat_str("source", "clip", separator="/")).to_series())
+
+
+def test_every_clip_is_held_out_once_and_never_learned_from_in_that_fold():
+    table = synthetic_near_misses(interactions=16, seed=3).table
+    parts = folds_by_clip(table, 3, seed=1)
+    held_out = [clips(held) for _, held in parts]
+    assert set.union(*held_out) == clips(table)
+    assert sum(map(len, held_out)) == len(clips(table))
+    for training, held in parts:
+        assert not clips(training) & clips(held)
+        assert training.height + held.height == table.height
+    sizes = [held["interaction"].n_unique() for _, held in parts]
+    assert max(sizes) < 2 * min(sizes)
+    assert folds_by_clip(table, 3, seed=1)[0][1].equals(parts[0][1])
 
 
 def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what_people_do(tmp_path):

@@ -26,9 +26,10 @@ from vpsci_ros.evaluation.statistics import cluster_counts, interval, share, uni
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
-from vpsci_ros.extras.paper.studies.cross_validation import Refinement
 from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.learning.training_config import RefineConfig
+from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.world import COLLISION, GOAL
@@ -36,6 +37,26 @@ from vpsci_ros.world import COLLISION, GOAL
 REFERENCE, COST = "ma_sst_ddpg", "cost.json"
 _TIMED = 20  # steps whose cost is measured
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Configuration of stage 2 in every fold, for `vpsci_ros.learning.online.refine`.
+
+    What guards against forgetting is a fifth of the fold's own clips, since the clips held out are for measuring alone.
+    """
+
+    config: RefineConfig
+    simulation: SimulationConfig
+    learner_seed: int
+
+    def identity(self) -> dict[str, Any]:
+        """Return, as JSON values, everything that the result of stage 2 depends on besides weights and data."""
+        return {
+            "refine": values_of(self.config),
+            "simulation": self.simulation.identity(),
+            "learner_seed": self.learner_seed,
+        }
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Studies of learning as commands: Tables 3 and 9 beside the paper's values, and cross-validation."""
+"""Studies of learning as commands: Tables 3 and 9 beside the paper's values."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -11,13 +11,11 @@ from vpsci_ros.cli.stage_inputs import Stage1Inputs, stage_1_inputs, stage_2_par
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.extras.paper.models import ROWS
-from vpsci_ros.extras.paper.studies.cross_validation import RESULT, Refinement, cross_validate
 from vpsci_ros.extras.paper.studies.learning import SAMPLE_SIZES, sample_size_study
 from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
-from vpsci_ros.extras.paper.studies.model_table import Hybrid
+from vpsci_ros.extras.paper.studies.model_table import Hybrid, Refinement
 from vpsci_ros.extras.paper.studies.state import StudyReport
 from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import print_table_3
@@ -53,48 +51,6 @@ def run_sample_study(
         run.results["table_3"] = table.to_dicts()
     print_table_3(table, Console())
     print(f"written: {folder / 'table_3.csv'} and run.json beside it")
-
-
-def run_fold_study(
-    sections: Sections,
-    folder: Path,
-    folds: int,
-    *,
-    stage_2: Sections | None = None,
-    site: Site = HERE,
-    quiet: bool = False,
-) -> None:
-    """Run `cross_validate` of stage 1, or of stages 1 and 2; resume a stopped study.
-
-    :param stage_2: sections of its parameter file, whose weights and near misses do not count; None: stage 1 alone.
-    :raises InvalidInput: a parameter, the number of folds or the near misses are refused, or `folder` holds another
-        study.
-    :raises Stopped: a signal stopped it; what is done is in `folder`.
-    """
-    learner, config, network, corpus, resolved = _stage_1_inputs(sections)
-    refinement = None
-    if stage_2 is not None:
-        their_learner, refine, simulation = stage_2_parameters(stage_2)
-        refinement = Refinement(refine, simulation, their_learner.seed)
-    facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})} | mixed(
-        site
-    )
-    with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
-        with _shown("folds", f"of {folds} folds: {{}}", quiet) as report:
-            result = cross_validate(
-                corpus,
-                config,
-                network,
-                folds=folds,
-                seed=learner.seed,
-                out_dir=folder,
-                refinement=refinement,
-                site=site,
-                report=report,
-            )
-        run.results |= result
-    print_errors(result, Console())
-    print(f"written: {folder / RESULT} and run.json beside it")
 
 
 def _stage_1_inputs(sections: Sections) -> Stage1Inputs:
