@@ -43,7 +43,7 @@ def key(kit: Path) -> dict[str, Any]:
 
 
 def answers(kit: Path, rater: str, **changes: Any) -> dict[str, Any]:
-    rows = [{"clip": name, "judgement": "real", "confidence": 2, "realism": 3, "seconds": 1.5, "shown": 1} | changes
+    rows = [{"clip": name, "judgement": "real", "realism": 3} | changes
             for name in key(kit)["clips"]]  # fmt: skip
     return {"kit": key(kit)["kit"], "rater": rater, "answers": rows}
 

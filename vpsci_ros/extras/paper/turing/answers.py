@@ -1,6 +1,5 @@
 """The answers of raters: reading and checking their files, as arrays of raters, scenes and sources."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.turing.clips import SOURCES
 
 _KEY = {"kit": str, "clips": {"*": {"scene": int, "source": str}}}
-_RANGES = {"realism": (1, 5), "confidence": (1, 4)}  # the confidence is stored in the files alone
 
 
 @dataclass(frozen=True)
@@ -24,15 +22,11 @@ class Answers:
     :ivar raters: their names, R.
     :ivar realism: float64[R, K, 3], 1 (very unrealistic) to 5 (very realistic).
     :ivar real: bool[R, K, 3], rated as a recording of real people.
-    :ivar seconds: float64[R, K, 3], from the end of the clip's first showing to the judgement [s].
-    :ivar clips: object[K, 3], their names.
     """
 
     raters: list[str]
     realism: NDArray[np.float64]
     real: NDArray[np.bool_]
-    seconds: NDArray[np.float64]
-    clips: NDArray[np.object_]
 
 
 def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
@@ -43,11 +37,8 @@ def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
     key = _json(key_path, "the key of a Turing test", _KEY)
     place = {name: (of["scene"], SOURCES.index(of["source"])) for name, of in key["clips"].items()}
     scenes = len({scene for scene, _ in place.values()})
-    clips = np.empty((scenes, len(SOURCES)), object)
-    for name, at in place.items():
-        clips[at] = name
     shape = (len(paths), scenes, len(SOURCES))
-    out = {name: np.full(shape, np.nan) for name in ("realism", "real", "seconds")}
+    out = {name: np.full(shape, np.nan) for name in ("realism", "real")}
     raters: list[str] = []
     for row, path in enumerate(paths):
         document = _json(path, "a rater's answers", {"kit": str, "answers": list})
@@ -64,7 +55,7 @@ def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
             raise InvalidInput(f"{path}: {missing} of {len(place)} clips are not answered; ask {rater} to go on")
     if not raters:
         raise InvalidInput("expected the answers of at least one rater, got none")
-    return Answers(raters, out["realism"], out["real"] > 0.5, out["seconds"], clips)
+    return Answers(raters, out["realism"], out["real"] > 0.5)
 
 
 def _take(answer: Any, place: dict[str, tuple[int, int]], row: int, out: dict[str, Any], path: Path) -> None:
@@ -74,18 +65,13 @@ def _take(answer: Any, place: dict[str, tuple[int, int]], row: int, out: dict[st
     at = (row, *place[name])
     if not np.isnan(out["realism"][at]):
         raise InvalidInput(f"{path}: clip {name} is answered twice")
-    for quantity, (low, high) in _RANGES.items():
-        value = answer.get(quantity)
-        if type(value) is not int or not low <= value <= high:
-            raise InvalidInput(f"{path}: clip {name}: {quantity} = {value!r}, expected a whole number {low} to {high}")
+    realism = answer.get("realism")
+    if type(realism) is not int or not 1 <= realism <= 5:
+        raise InvalidInput(f"{path}: clip {name}: realism = {realism!r}, expected a whole number 1 to 5")
     if answer.get("judgement") not in ("real", "made"):
         raise InvalidInput(f"{path}: clip {name}: judgement = {answer.get('judgement')!r}, expected real or made")
-    seconds = answer.get("seconds")
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0.0 <= seconds < math.inf:
-        raise InvalidInput(f"{path}: clip {name}: seconds = {seconds!r}, expected a time not below 0")
-    out["realism"][at] = answer["realism"]
+    out["realism"][at] = realism
     out["real"][at] = answer["judgement"] == "real"
-    out["seconds"][at] = seconds
 
 
 def _json(path: Path, what: str, form: Form) -> dict[str, Any]:

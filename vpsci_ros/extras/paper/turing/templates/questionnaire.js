@@ -64,7 +64,6 @@ class Questionnaire {
     $("progress").textContent = `clip ${done + 1} of ${this.order.length}`;
     $("answer").reset();
     $("answer").inert = true; // until it was seen once
-    Object.assign(this, { shown: 0, ended: null, seconds: null });
     this.play();
   }
 
@@ -76,24 +75,13 @@ class Questionnaire {
       const time = Math.min((now - begun) / 1000, this.episode.duration);
       this.scene.draw(time);
       if (time < this.episode.duration) this.request = requestAnimationFrame(frame);
-      else this.seen(now);
+      else $("answer").inert = false;
     };
     this.request = requestAnimationFrame(frame);
   }
 
-  seen(now) {
-    this.shown += 1;
-    this.ended ??= now;
-    $("answer").inert = false;
-  }
-
-  rated() {
-    this.seconds ??= (performance.now() - this.ended) / 1000;
-  }
-
   answer(form) {
-    this.answers.push({ clip: this.clip.name, judgement: form.get("judgement"), confidence: Number(form.get("confidence")),
-      realism: Number(form.get("realism")), seconds: Number(this.seconds.toFixed(2)), shown: this.shown });
+    this.answers.push({ clip: this.clip.name, judgement: form.get("judgement"), realism: Number(form.get("realism")) });
     localStorage.setItem(this.key, JSON.stringify(this.answers));
     this.ask();
   }
@@ -117,7 +105,6 @@ $("answer").addEventListener("submit", (event) => {
   event.preventDefault();
   questionnaire.answer(new FormData(event.target));
 });
-$("judgement").addEventListener("change", () => questionnaire.rated());
 $("again").addEventListener("click", () => questionnaire.play());
 $("save").addEventListener("click", () => questionnaire.save());
 document.addEventListener("keydown", (event) => {
