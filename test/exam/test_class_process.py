@@ -192,6 +192,18 @@ def test_it_runs_in_the_folder_of_the_command_and_says_which_file_it_is_of(drive
     assert files_of_class("a_driver:Mine") == {"a_driver.py": sha256(tmp_path / "a_driver.py")}
 
 
+def test_the_modules_that_it_imports_from_that_folder_are_its_files_too(drive: Drive, tmp_path: Path) -> None:
+    (tmp_path / "kit").mkdir()
+    for name in ("beside.py", "kit/core.py"):
+        (tmp_path / name).write_text("SPEED = 4.0\n")
+    drive(mine("", "import beside, kit.core"))
+    before = files_of_class("a_driver:Mine")
+    assert before.keys() == {"a_driver.py", "beside.py", "kit/core.py"}
+    (tmp_path / "kit" / "core.py").write_text("SPEED = 5.0\n")
+    after = files_of_class("a_driver:Mine")
+    assert {name for name in before if before[name] != after[name]} == {"kit/core.py"}
+
+
 @pytest.mark.parametrize(
     ("text", "said"), [("a_driver", "expected MODULE:CLASS"), ("no_such_module:Mine", "no module 'no_such_module'")]
 )

@@ -14,11 +14,12 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import vpsci_ros
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.driver_class import Answer, Cockpit, Scene, find_driver, received_answer
@@ -154,13 +155,17 @@ def class_process(text: str, log: Path, patience: float) -> Iterator[ClassProces
 
 
 def files_of_class(text: str) -> dict[str, str]:
-    """Return name -> SHA-256 of the file that defines the class MODULE:CLASS; empty if there is no file.
+    """Return name -> SHA-256 of the modules of the working directory that the class MODULE:CLASS needs, by their paths.
+
+    A class that is defined elsewhere adds the file that defines it, by its name; there may be none.
 
     :raises InvalidInput: there is no such class, or it is no driver.
     """
     with tempfile.TemporaryDirectory() as folder, class_process(text, Path(folder) / "log", _STARTS) as process:
-        path = Path(process.path)
-        return {path.name: sha256(path)} if path.is_file() else {}
+        files = {str(path.relative_to(Path.cwd())): path for path in process.imported}
+        if (path := Path(process.path)) not in process.imported:
+            files[path.name] = path
+    return {name: sha256(path) for name, path in sorted(files.items()) if path.is_file()}
 
 
 def code_of_class(text: str) -> list[Path]:
@@ -186,8 +191,9 @@ def main(descriptor: int, text: str) -> None:
         connection.send_bytes(_number(next(said)) + json.dumps(what).encode())
 
     try:
+        before = set(sys.modules)
         driver = find_driver(text)
-        say({"path": _source(driver), "imported": _of_working_directory()})
+        say({"path": _source(driver), "imported": _of_working_directory(sys.modules.keys() - before)})
         cockpit = Cockpit(driver, *connection.recv())
         say({})
         while True:
@@ -209,11 +215,12 @@ def _number(messages: int) -> bytes:
     return messages.to_bytes(_NUMBER, "big")
 
 
-def _of_working_directory() -> list[str]:
-    """Return the files of modules that were imported from the working directory, and are not installed in it."""
-    here, files = Path.cwd(), (getattr(module, "__file__", None) for module in list(sys.modules.values()))
-    own = [Path(file) for file in files if isinstance(file, str)]
-    return [str(path) for path in own if path.is_relative_to(here) and not path.is_relative_to(sys.prefix)]
+def _of_working_directory(modules: Iterable[str]) -> list[str]:
+    """Return the files of those modules that lie in the working directory, and are not installed in it."""
+    here, files = Path.cwd(), (getattr(sys.modules[name], "__file__", None) for name in modules)
+    own = {Path(file) for file in files if isinstance(file, str)}
+    mine = [path for path in own if path.is_relative_to(here) and not path.is_relative_to(sys.prefix)]
+    return [str(path) for path in mine if not path.is_relative_to(Path(vpsci_ros.__file__).parent)]
 
 
 def _source(driver: type) -> str:

@@ -1,8 +1,10 @@
 """An exam on another machine: the user's files that go with it, and the check that the same system drives there."""
 
+import contextlib
 import dataclasses
 import importlib.util
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 
 import vpsci_ros
@@ -48,17 +50,17 @@ def arrived(exam: Exam, place: Place) -> Exam:
         sections = sections.changed("ads_test", {"recorded": config.recorded})
     if run.scenario_files:
         sections = sections.changed("world_simulator", {"scenario_files": run.scenario_files})
-    there = _class_file(config.ads_class) if config.ads_class else driver_files(config)
+    there = _class_files(config.ads_class, exam.files) if config.ads_class else driver_files(config)
     advice = "the driving system has to be the same there"
     require_same("this worker", {"files": there}, {"files": dict(exam.files)}, "has a driving system", advice)
     return dataclasses.replace(exam, config=config, run=run, sections=sections)
 
 
-def _class_file(text: str) -> dict[str, str]:
-    """Return name -> SHA-256 of the file of the module in MODULE:CLASS; empty if there is none."""
-    try:
+def _class_files(text: str, names: Iterable[str]) -> dict[str, str]:
+    """Return name -> SHA-256 of the files of the class MODULE:CLASS that are there, see `files_of_class`."""
+    files = {name: Path(name) for name in names}
+    with contextlib.suppress(ImportError):  # it is not there
         found = importlib.util.find_spec(text.partition(":")[0])
-    except ImportError:
-        return {}
-    path = Path(found.origin) if found and found.origin else None
-    return {path.name: sha256(path)} if path and path.is_file() else {}
+        if found and found.origin and (path := Path(found.origin)).name in files:
+            files[path.name] = path
+    return {name: sha256(path) for name, path in files.items() if path.is_file()}
