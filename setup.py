@@ -171,7 +171,6 @@ BRANCHES = {
     "vpsci_ros.engines": ["carla = vpsci_ros.extras.carla.world:CARLA"],
     "vpsci_ros.importers": [
         "argoverse2 = vpsci_ros.extras.formats.track_tables:ARGOVERSE2",
-        "hdi = vpsci_ros.extras.paper.published_dataset:HDI",
         "interaction = vpsci_ros.extras.formats.track_tables:INTERACTION",
         "levelx = vpsci_ros.extras.formats.track_tables:LEVELX",
         "sind = vpsci_ros.extras.formats.track_tables:SIND",

@@ -1,5 +1,6 @@
 """The authors' files, written here by the layout that they publish, read as what they are made from."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,10 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7, agent_ids
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.published_dataset import SCALE
 from vpsci_ros.extras.paper.published_tables import canonical, convert
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 
-RATE, METRES = 25.0, 0.05  # of the HDI file
+RATE, METRES = 30.0, 0.05  # of examples/layouts/hdi.yaml
 
 
 BAGS = [Path(__file__).parents[3] / "bags" / name for name in ("LocationA_PedCross_S-N", "LocationB_PedCross_N-S")]
@@ -139,29 +139,14 @@ def write_hdi(folder):
             )
         )
     pl.concat(parts).write_csv(folder / "A. Zhandong Road.csv")
-    (folder / SCALE).write_text(f"frame_rate: {RATE}\nmetres: {METRES}\n")
     return folder
 
 
-def test_hdi_becomes_near_misses_in_metres_with_y_up(tmp_path):
-    found = import_trajectories(write_hdi(tmp_path), "hdi")
+def test_hdi_becomes_near_misses_in_metres_with_y_up_by_its_layout(tmp_path):
+    shutil.copy(Path(__file__).parents[3] / "examples/layouts/hdi.yaml", write_hdi(tmp_path) / "layout.yaml")
+    found = import_trajectories(tmp_path, "described")
     (summary,) = found.summaries
     assert (summary.near_misses, dict(summary.left_out)) == (1, {"road users of class e-bike": 1})
     assert found.table["veh_speed"].to_numpy() == pytest.approx(6.0, abs=1e-6)
     assert found.table["ped_vy"].to_numpy() == pytest.approx(-1.5, abs=1e-6)  # down in the picture, as it walks
     assert found.table["ped_x"].to_numpy() - found.table["veh_x"].to_numpy()[0] == pytest.approx(18.0, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("frame_rate: 50\nmetres: 0.05\n", "2 times as much; they fit 25 frames a second"),
-        ("frame_rate: 25\n", "expected frame_rate .* and metres in a pixel"),
-        (None, "say neither their frame rate nor how large a pixel is"),
-    ],
-)
-def test_hdi_wants_its_scale_and_compares_it_with_the_speeds(text, said, tmp_path):
-    scale = write_hdi(tmp_path) / SCALE
-    scale.write_text(text) if text else scale.unlink()
-    with pytest.raises(InvalidInput, match=said):
-        import_trajectories(tmp_path, "hdi")

@@ -4,7 +4,7 @@ In reading order:
 
 * `study_commands`: the commands `vpsci study`, `vpsci turing` and `vpsci published`
 * `published`: values published in the paper: Tables 3, 9 and 11
-* `published_dataset`: importers of the data that the paper's authors publish
+* `published_dataset`: importer of the simulated episodes that the paper's authors publish
 * `published_tables`: the authors' dataset as they publish it: CSV files named as in Table 6
 * `models`: the models of the paper's Table 9, found by entry points, and their layers in place of the SST's
 """
