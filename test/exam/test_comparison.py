@@ -27,6 +27,7 @@ from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS
+from vpsci_ros.exam.timing import not_met
 from vpsci_ros.resources import params_dir
 
 SHORT = {"scenarios": [1], "episodes": 4, "episode_time": 2.0}
@@ -225,6 +226,17 @@ def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_cri
     share = "30.00 [10.00, 60.00] %"
     assert f"| walker, does not react | 10 | 3 | {share} | {share} | {share} | {share} | - |\n" in summary
     assert "Failing: [walker 1:1](view.html#a=ads-walker&b=autopilot-walker&episode=1:1), [walker 1:4](" in summary
+
+
+def test_encounters_that_were_not_met_as_timed_fail_in_junit_as_in_the_verdict(tmp_path: Path) -> None:
+    def exam_cases(*untimed: str) -> list[str]:
+        timing = {"episodes": 10, "own": 10 - len(untimed), "baseline": 0, "untimed": untimed, "hurried": {}}
+        report = {"exam": {"ads": "new.py"}, "criteria": [], "conduct": {}, "failure": "moving_collision",
+                  "alone": None, "timing": timing, "drivers": {}}  # fmt: skip
+        write_verdict(tmp_path, report | {"failures": not_met(report)}, rows(), "")
+        return cases(tmp_path / "junit.xml")["vpsci ads-test.exam", "met the pedestrians as timed"]
+
+    assert (exam_cases(), exam_cases("1:3")) == ([], ["failure"])
 
 
 STANDS = """

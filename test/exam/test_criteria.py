@@ -95,6 +95,14 @@ def test_an_unknown_measure_is_refused_with_the_nearest_and_all_there_are():
     assert all(name in str(error.value) for name in NAMES)
 
 
+@pytest.mark.parametrize("measure", ["collision_rate", "collision_increase", "arrived_rate_change_low"])
+def test_a_share_beyond_1_as_percent_are_is_refused_for_it_would_never_hold(measure: str) -> None:
+    with pytest.raises(InvalidInput, match=rf"{measure} is a share, 0 to 1; expected .* 0.05 for 5%, got 5$"):
+        parse(f"{measure} > 5", PEDESTRIANS, compared=True)
+    for text in (f"{measure} > 1", "time_lost_change_low > 5", "newly_failed > 5", "commands_refused > 5"):
+        parse(text, PEDESTRIANS, compared=True)
+
+
 def test_the_pages_name_every_measure_that_a_criterion_may_name() -> None:
     ads, nightly = ((Path(__file__).parents[2] / "docs" / name).read_text() for name in ("ads.md", "nightly.md"))
     assert [name for name in (*MEASURES, *INCREASES, *COUNTS) if f"`{name}`" not in ads] == []

@@ -64,9 +64,17 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Cri
         raise InvalidInput(f"{where}: {measure} compares another pedestrian with {LEARNED}; the exam needs both")
     if measure in COMPARED and not compared:
         raise InvalidInput(f"{where}: {measure} compares with an earlier exam; name its folder by --baseline")
+    if _is_share(measure) and abs(float(number)) > 1.0:
+        raise InvalidInput(f"{where}: {measure} is a share, 0 to 1; expected a NUMBER like 0.05 for 5%, got {number}")
     if requirement and not requirement.isprintable():
         raise InvalidInput(f"{where}: the label of the requirement has unprintable characters")
     return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian, requirement or "")
+
+
+def _is_share(measure: str) -> bool:
+    """Return whether a measure is a share of episodes, or a difference of two."""
+    of = INCREASES.get(measure) or (CHANGES[measure][0] if measure in CHANGES else measure)
+    return of in MEASURES and not MEASURES[of].unit
 
 
 def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequence[str]) -> list[dict[str, Any]]:

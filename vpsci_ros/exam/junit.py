@@ -9,6 +9,7 @@ from vpsci_ros.exam.comparison import Failing
 from vpsci_ros.exam.criteria import verdict_value
 from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.report import standing
+from vpsci_ros.exam.timing import not_met
 from vpsci_ros.runs.files import write_text
 
 JUNIT = "junit.xml"
@@ -51,6 +52,9 @@ def _junit(report: Mapping[str, Any], failing: Failing) -> str:
         name = f"arrived in {found['arrived']} of {found['of']} episodes on the empty road"
         stands = standing(report)
         cases.append(Case("exam", name, "failure" if stands in report["failures"] else "", stands))
+    if report["timing"]:
+        missed = [reason for reason in not_met(report) if reason in report["failures"]]
+        cases.append(Case("exam", "met the pedestrians as timed", "failure" if missed else "", "; ".join(missed)))
     for name, row in report["drivers"].get(ADS, {}).items():
         count = round((row["arrived_rate"]["value"] or 0.0) * row["episodes"])
         cases.append(Case(name, f"arrived in {count} of {row['episodes']} episodes"))

@@ -271,7 +271,7 @@ def not_met(report: Mapping[str, Any]) -> list[str]:
     if untimed > MOST_MISSED * of:
         reasons.append(
             f"{untimed} of {of} episodes could not be timed to the system, which alone does not come to the "
-            "pedestrian's way; they show nothing"
+            "pedestrian's way, or did not drive to the end; they show nothing"
         )
     return reasons + [
         f"in {count} of {of} episodes with the {title_of(name)} the system came more than {HURRY:g} s earlier than on "
