@@ -43,12 +43,8 @@ def test_pet_is_undefined_when_the_pedestrian_stops_before_the_path_however_near
     assert math.isnan(arrival)
 
 
-def test_a_padded_batch_is_its_episodes_one_by_one():
-    episodes = [crossing(walker_start=-12.0), [part[:60] for part in crossing(walker_start=-2.0)]]
-    batch = np.full((5, 2, 100), np.nan)
-    for row, episode in enumerate(episodes):
-        for k, series in enumerate(episode):
-            batch[k, row, : len(series)] = series
-    pets, arrivals = post_encroachment_time(*batch, dt=DT, lengths=[100, 60])
+def test_a_batch_is_its_episodes_one_by_one():
+    episodes = [crossing(walker_start=-12.0), crossing(walker_start=-2.0)]
+    pets, arrivals = post_encroachment_time(*np.stack(episodes, axis=1), dt=DT)
     for row, episode in enumerate(episodes):
         assert (pets[row], arrivals[row]) == post_encroachment_time(*episode, dt=DT)

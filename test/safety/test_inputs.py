@@ -69,8 +69,10 @@ def test_every_function_of_the_room_refuses_nan():
         (r"^dt = 0.0", lambda: post_encroachment_time(row, row, row, row, row, dt=0.0)),
         (r"^speed\[1\] = -1.0", lambda: who_yielded(row, row, row, [0, -1.0, 0, 0], *[row] * 5, dt=0.1)),
         (r"one shape", lambda: who_yielded(row, row, row, row[:3], *[row] * 5, dt=0.1)),
-        (r"^lengths\[0\] = 5", lambda: onset(np.zeros((1, 4)), lengths=[5])),
-        (r"^lengths: expected", lambda: onset(np.zeros((1, 4)), lengths=[1.5])),
+        (r"at least one step", lambda: onset(1.0)),
+        (r"^lengths\[0\] = 5", lambda: who_yielded(*[row[None]] * 9, dt=0.1, lengths=[5])),
+        (r"^lengths\[0\] = 0", lambda: who_yielded(*[row[None]] * 9, dt=0.1, lengths=[0])),
+        (r"^lengths: expected", lambda: who_yielded(*[row[None]] * 9, dt=0.1, lengths=[1.5])),
     ]
     for message, call in calls:
         with pytest.raises(InvalidInput, match=message):

@@ -12,7 +12,7 @@ In reading order:
 * `curvature`: path curvature of a recorded vehicle, from its positions or from its yaw rate; positive to the left
 * `measures`: safety measures besides CurvTTC, each with its source, on batches: 2-D and second-order TTC, DRAC
 * `encroachment`: post-encroachment time: from when one agent leaves the crossing point to when the other agent
-* `episodes`: properties of an episode: onset, conflict and least value from CurvTTC
+* `episodes`: the onset of an episode: the first step at which CurvTTC is critical
 * `yielding`: who yielded: a rule for the classification that the paper made by eye (sections 4.2 and 4.6)
 * `line_of_sight`: the visible share of a pedestrian from a point, behind parked vehicles (oriented rectangles)
 * `inputs`: checks of arguments: they become float64 arrays of one shape, and an invalid value is reported
@@ -24,7 +24,7 @@ from vpsci_ros.safety.contact import contact_in_step, contact_step
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate
 from vpsci_ros.safety.curvttc import CONFLICT_TTC, CRITICAL_TTC, HORIZON, curvttc, curvttc_pair
 from vpsci_ros.safety.encroachment import post_encroachment_time
-from vpsci_ros.safety.episodes import is_collision, is_conflict, least_clearance, least_curvttc, onset
+from vpsci_ros.safety.episodes import onset
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, clearance_pair
 from vpsci_ros.safety.line_of_sight import touches_box, visible_pair, visible_share
 from vpsci_ros.safety.measures import closest_encounter, drac, second_order_ttc, ttc_2d
@@ -48,10 +48,6 @@ __all__ = [
     "curvttc",
     "curvttc_pair",
     "drac",
-    "is_collision",
-    "is_conflict",
-    "least_clearance",
-    "least_curvttc",
     "onset",
     "post_encroachment_time",
     "second_order_ttc",

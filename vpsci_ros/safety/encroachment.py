@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.compiled import kernel
@@ -113,16 +112,9 @@ def _pet_steps(rows: tuple[Floats, ...], sizes: tuple[float, float, float]) -> t
 
 
 @kernel
-def _pets(
-    rows: tuple[Floats, ...],
-    lengths: NDArray[np.int64],
-    sizes: tuple[float, float, float],
-    pet: Floats,
-    arrival: Floats,
-) -> None:
-    for i in range(lengths.size):
-        n = lengths[i]
-        own = (rows[0][i, :n], rows[1][i, :n], rows[2][i, :n], rows[3][i, :n], rows[4][i, :n])
+def _pets(rows: tuple[Floats, ...], sizes: tuple[float, float, float], pet: Floats, arrival: Floats) -> None:
+    for i in range(pet.size):
+        own = (rows[0][i], rows[1][i], rows[2][i], rows[3][i], rows[4][i])
         pet[i], arrival[i] = _pet_steps(own, sizes)
 
 
@@ -134,7 +126,6 @@ def post_encroachment_time(
     ped_y: FloatLike,
     *,
     dt: float,
-    lengths: ArrayLike | None = None,
     length: float = VEHICLE_LENGTH,
     width: float = VEHICLE_WIDTH,
     radius: float = PEDESTRIAN_RADIUS,
@@ -149,23 +140,21 @@ def post_encroachment_time(
     PET looks back: where one agent never gets to the crossing point, because it stopped or turned away, the paths do
     not cross and PET is undefined, however near the miss was.
 
-    :param x, y, heading: the vehicle's pose, float[..., T] [m] and [rad]; one episode, or a padded batch.
+    :param x, y, heading: the vehicle's pose, float[..., T] [m] and [rad]; one episode, or a batch.
     :param ped_x, ped_y: the pedestrian's position, float[..., T] [m].
     :param dt: time between steps [s].
-    :param lengths: int[...], steps of each row that count; None: all T.
     :param length, width, radius: sizes [m], the same for all rows.
     :returns: PET float64[...] [s], NaN where undefined, below 0 where the second agent arrived before the first had
         left; and the time of that arrival, when PET becomes known, float64[...] [s] from the row's first step, NaN
         where PET is undefined.
-    :raises InvalidInput: values that are not finite, shapes that differ, lengths that do not fit, sizes or `dt` that
-        are not positive.
+    :raises InvalidInput: values that are not finite, shapes that differ, sizes or `dt` that are not positive.
     """
     for name, value in (("dt", dt), ("length", length), ("width", width), ("radius", radius)):
         if not 0.0 < value < math.inf:
             raise InvalidInput(f"{name} = {value}: expected a number above 0")
     names = ("x", "y", "heading", "ped_x", "ped_y")
-    rows, counts, shape = trajectories(names, (x, y, heading, ped_x, ped_y), lengths)
-    pet, arrival = np.full(counts.size, np.nan), np.full(counts.size, np.nan)
+    rows, _, shape = trajectories(names, (x, y, heading, ped_x, ped_y), None)
+    pet, arrival = np.full((2, len(rows[0])), np.nan)
     if rows[0].shape[1] > 1:
-        _pets(rows, counts, (float(length), float(width), float(radius)), pet, arrival)
+        _pets(rows, (float(length), float(width), float(radius)), pet, arrival)
     return (pet * dt).reshape(shape)[()], (arrival * dt).reshape(shape)[()]

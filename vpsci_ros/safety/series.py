@@ -27,23 +27,6 @@ def checked_lengths(lengths: ArrayLike | None, shape: tuple[int, ...]) -> NDArra
     return given.astype(np.int64)
 
 
-def padded(name: str, values: FloatLike, lengths: ArrayLike | None, *, signed: bool = False) -> Floats:
-    """Return `values` as float64[..., T], with infinity beyond each row's length.
-
-    :raises InvalidInput: NaN (or, unless `signed`, a value below 0) within a row's length, lengths that do not fit, no
-        time axis.
-    """
-    array = as_floats(name, values)
-    counts = checked_lengths(lengths, array.shape)
-    counted = np.arange(array.shape[-1]) < counts[..., None]
-    bad = counted & (np.isnan(array) if signed else ~(array >= 0.0))
-    if bad.any():
-        wanted = "a number" if signed else "a number not below 0"
-        raise InvalidInput(f"{name}{place(bad)} = {array[bad][0]}: expected {wanted}")
-    result: Floats = np.where(counted, array, np.inf)
-    return result
-
-
 def trajectories(
     names: Sequence[str],
     values: Sequence[FloatLike],
