@@ -4,42 +4,15 @@ An actor's location is the origin of its model; this package's place of an agent
 """
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 from vpsci_ros.cosim import Vehicle, Walker
 
 STANDING = 0.1  # [m/s] below which a yaw rate says nothing of a curvature
 
 
-class Actor(Protocol):
-    """The part of `carla.Vehicle` and `carla.Walker` that this package uses."""
-
-    @property
-    def id(self) -> int:
-        """The actor's number in CARLA's world."""
-
-    @property
-    def bounding_box(self) -> Any:
-        """carla.BoundingBox: `location` of its centre and `extent`, half its sizes, in the actor's frame [m]."""
-
-    def get_transform(self) -> Any:
-        """carla.Transform: `location` [m] and `rotation` [deg]."""
-
-    def get_velocity(self) -> Any:
-        """carla.Vector3D [m/s], in the world's frame."""
-
-    def get_angular_velocity(self) -> Any:
-        """carla.Vector3D [deg/s], in the world's frame."""
-
-    def get_acceleration(self) -> Any:
-        """carla.Vector3D [m/s2], in the world's frame."""
-
-    def apply_control(self, control: Any) -> None:
-        """Apply a carla.VehicleControl or carla.WalkerControl from the next tick on."""
-
-
-def vehicle_of(actor: Actor) -> Vehicle:
-    """Return a vehicle's present state: centre of its box, x east, y north, heading counter-clockwise from x."""
+def vehicle_of(actor: Any) -> Vehicle:
+    """Return the state of a carla.Vehicle: centre of its box, x east, y north, heading counter-clockwise from x."""
     place, box = actor.get_transform(), actor.bounding_box
     heading = -math.radians(place.rotation.yaw)
     c, s = math.cos(heading), math.sin(heading)
@@ -59,8 +32,8 @@ def vehicle_of(actor: Actor) -> Vehicle:
     )
 
 
-def walker_of(actor: Actor) -> Walker:
-    """Return a pedestrian's present place [m] and velocity [m/s], x east, y north."""
+def walker_of(actor: Any) -> Walker:
+    """Return the present place [m] of a carla.Walker and velocity [m/s], x east, y north."""
     location, velocity = actor.get_transform().location, actor.get_velocity()
     return Walker(location.x, -location.y, velocity.x, -velocity.y)
 

@@ -7,7 +7,7 @@ no server was at hand.
 import contextlib
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from vpsci_ros.cosim import Vehicle, Walker
 from vpsci_ros.errors import InvalidInput, VpsciError, packages_of
@@ -30,24 +30,8 @@ class Controls(NamedTuple):
     brake: float
 
 
-class Server(Protocol):
-    """An engine with one vehicle and one pedestrian; places and velocities have x east and y north."""
-
-    def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
-        """Place both agents at their places and velocities for the start of an episode; None: no pedestrian."""
-
-    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
-        """Advance both agents by one tick and return their states.
-
-        :param walker: the pedestrian's wanted state at the end of the tick; ignored in an episode without pedestrian.
-        """
-
-    def close(self) -> None:
-        """Restore the engine's former settings."""
-
-
 class LiveServer:
-    """A CARLA server, in synchronous mode until `close`.
+    """A CARLA server, in synchronous mode until `close`; places and velocities have x east and y north.
 
     :param address: HOST:PORT/MAP, each of which may be left out; MAP is loaded, else the server keeps the one it has.
     :param period: of a tick [s].
@@ -82,7 +66,7 @@ class LiveServer:
         self._map = self._world.get_map()
 
     def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
-        """Place both agents for the start of an episode; the first call spawns them.
+        """Place both agents for the start of an episode, None: no pedestrian; the first call spawns them.
 
         :raises VpsciError: the map has no road there, or something stands there.
         """
@@ -107,6 +91,7 @@ class LiveServer:
     def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
         """Apply both controls, advance by one tick, and return both states.
 
+        :param walker: the pedestrian's wanted state at the end of the tick; ignored in an episode without pedestrian.
         :raises VpsciError: the server does not answer.
         """
         car, *people = self._actors

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from vpsci_ros.cosim import Pedestrian
 from vpsci_ros.cosim.pedestrian import Walk
-from vpsci_ros.extras.carla.actors import Actor, vehicle_of, walker_control, walker_of
+from vpsci_ros.extras.carla.actors import vehicle_of, walker_control, walker_of
 
 
 class LearnedWalker:
@@ -17,13 +17,13 @@ class LearnedWalker:
     :param pedestrian: who it is; its route or goal is in this package's frame, y is CARLA's with the sign changed.
     """
 
-    def __init__(self, actor: Actor, pedestrian: Pedestrian) -> None:
+    def __init__(self, actor: Any, pedestrian: Pedestrian) -> None:
         self.actor, self.pedestrian = actor, pedestrian
 
     def step(
         self,
-        vehicles: Iterable[Actor],
-        walkers: Iterable[Actor] = (),
+        vehicles: Iterable[Any],
+        walkers: Iterable[Any] = (),
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Walk:

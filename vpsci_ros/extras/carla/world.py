@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.cosim import Vehicle, Walker
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.carla.server import Controls, LiveServer, Server
+from vpsci_ros.extras.carla.server import Controls, LiveServer
 from vpsci_ros.lockstep.engines import Engine
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, engine
 from vpsci_ros.world.tables import Inputs
@@ -30,7 +30,7 @@ class EngineWorld(World):
 
     def __init__(
         self,
-        server: Server,
+        server: LiveServer,
         config: WorldConfig,
         scenarios: Sequence[Scenario],
         episodes: Iterable[tuple[int, int]],
