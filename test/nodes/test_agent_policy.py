@@ -41,9 +41,6 @@ class Session(Stage):
         """Send `/safety/state` of a scene without danger."""
         self.policy.intake.receive("/safety/state", safety_bytes(tick, [np.inf], [np.inf], [False]))
 
-    def missed(self) -> int:
-        return int(self.policy.figures()["ticks_missed"])
-
 
 @pytest.fixture
 def session(context: Context, weights: str, closed: Callable[[Any], Any]) -> Session:
@@ -52,12 +49,11 @@ def session(context: Context, weights: str, closed: Callable[[Any], Any]) -> Ses
 
 # The world does not wait for policies at tick 1, so the next state may be here before the monitor's answer to it.
 @pytest.mark.parametrize("order", ["state 1, state 2, safety 1, safety 2", "safety 1, state 1, safety 2, state 2"])
-def test_topics_that_overtake_each_other_are_answered_once_and_no_tick_is_missed(session: Session, order: str) -> None:
+def test_topics_that_overtake_each_other_are_answered_once(session: Session, order: str) -> None:
     send = {"state": session.state, "safety": session.safety}
     for topic, tick in (message.split() for message in order.split(", ")):
         send[topic](int(tick))
     session.spin_until(lambda: session.answered == [0, 2])
-    assert session.missed() == 0
 
 
 # A policy that was stopped for a while finds the states of ticks that went on without it, and the answers to them.
@@ -92,12 +88,6 @@ def test_a_safety_state_is_checked_once_and_only_where_the_policy_acts_by_it(
         session.safety(tick)
     session.spin_until(lambda: session.answered == [0, 2])
     assert checked == [2]
-
-
-def test_states_that_never_came_are_counted(session: Session) -> None:
-    session.state(5)
-    session.safety(5)
-    assert session.missed() == 4
 
 
 def test_another_world_begins_with_its_first_tick(session: Session) -> None:

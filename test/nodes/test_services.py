@@ -87,20 +87,16 @@ def test_a_shorter_time_to_wait_for_answers_counts_at_the_present_tick(begin: Ca
     session.spin_until(lambda: session.world.finished)
 
 
-def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> None:
+def test_a_report_tells_the_rate_of_ticks_and_simulated_time(begin: Callable[..., Session]) -> None:
     session = begin(real_time_factor=1.0)
     session.spin_until(
         lambda: {"world_simulator", "safety_monitor"} <= set(session.reported) and len(session.ticks) > 30
     )
-    session.spin_until(lambda: int(value(session.reported["safety_monitor"][-1], "answers")) > 10)
     session.spin_until(  # a report of a second in which the machine was busy may give fewer
         lambda: 10 <= int(value(session.reported["world_simulator"][-1], "ticks_per_second")) <= 25
     )
-    monitor = session.reported["safety_monitor"][-1]
-    assert float(value(monitor, "lag_mean_ms")) > 0.0
-    assert float(value(monitor, "lag_max_ms")) >= float(value(monitor, "lag_mean_ms"))
-    assert value(monitor, "ticks_missed") == "0"
-    assert monitor.header.stamp.sec * 20 + monitor.header.stamp.nanosec / 5e7 == int(value(monitor, "tick"))
+    world = session.reported["world_simulator"][-1]
+    assert world.header.stamp.sec * 20 + world.header.stamp.nanosec / 5e7 == int(value(world, "tick"))
 
 
 def value(message: DiagnosticArray, key: str) -> str:

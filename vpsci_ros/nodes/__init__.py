@@ -19,7 +19,6 @@ In reading order:
 * `intake`: the input of a node: its subscriptions, rejected messages, and the nodes that publish to it
 * `output`: a publisher of a graph's node that waits, before its first message
 * `convert`: conversion of arrays to ROS messages; `wire.layout` defines their content
-* `meter`: rate and lag of a node's answers, for its diagnostics: a few additions an answer, arithmetic once a second
 * `status`: the report of a node, published on `/diagnostics` and, in a graph, sent through a pipe
 * `graph`: a graph of nodes as processes, which are started, watched and stopped together
 * `watch`: watching a run of a graph: the time without progress, and its progress on standard error

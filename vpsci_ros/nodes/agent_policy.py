@@ -1,6 +1,5 @@
 """A policy as a node: at each policy frame, answers WorldState and SafetyState with one agent's accelerations."""
 
-import time
 from functools import partial
 from typing import Any, TypeVar
 
@@ -9,7 +8,6 @@ import numpy as np
 from vpsci_msgs.msg import PolicyWeights
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
@@ -49,7 +47,6 @@ class AgentPolicy(GraphNode):
         self._safety: dict[int, SafetyContent] = {}  # by tick, as long as its state is not there
         self._newest = -1  # tick of the latest state
         self._known = -1  # the latest tick that was worked through
-        self._meter = Meter()
         if isinstance(self._agent, PolicyAgent):
             if config.weights:
                 self._take_up(self._agent, load_policy(config.weights), version=1)
@@ -70,8 +67,8 @@ class AgentPolicy(GraphNode):
         return "running" if self._actions else "waiting"
 
     def figures(self) -> dict[str, Any]:
-        """Return rate and lag of the answers, and the version of the weights."""
-        return self._meter.figures() | {"policy_version": self._version}
+        """Return the version of the weights."""
+        return {"policy_version": self._version}
 
     def parameters_changed(self) -> None:
         """Apply the exploration that was set on the running node."""
@@ -102,7 +99,6 @@ class AgentPolicy(GraphNode):
             self._states.clear()
             self._safety = {tick: safety for tick, safety in self._safety.items() if tick == number}
         self._newest = number
-        self._meter.tick(number)
         self._keep(self._states, number, world)
         self._answer(number)
 
@@ -131,7 +127,6 @@ class AgentPolicy(GraphNode):
 
     def _answer(self, number: int) -> None:
         """Answer a tick if both of its messages are there."""
-        arrived = time.perf_counter()
         if self._actions is None or number not in self._states or number not in self._safety:
             return
         header, tick, _ = self._states[number]
@@ -144,7 +139,6 @@ class AgentPolicy(GraphNode):
                 del messages[past]
         if message is not None:
             self._actions.publish(message)
-            self._meter.answered(arrived)
             self.acts(tick.number)
 
     def _act(self, header: WireHeader, tick: Tick, safety: SafetyContent) -> bytes | None:

@@ -10,7 +10,6 @@ from sensor_msgs.msg import PointCloud2
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.parameters import pick
 from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.wire.layout import WORLD
@@ -36,7 +35,6 @@ class Perception(GraphNode):
         self._config = self.config(PerceptionConfig)
         warm_up_reading()
         warm_up(self._config)  # before the topic is there, for which others wait
-        self._meter = Meter()
         self._objects = self.output("/perception/objects")
         self._parked: Parked | None = None
         self._pedestrians = 1
@@ -53,8 +51,8 @@ class Perception(GraphNode):
         self.ready(WORLD, "/perception/objects")
 
     def figures(self) -> dict[str, Any]:
-        """Return rate and lag of the lists, and the number of objects in all lists so far."""
-        return self._meter.figures() | {"objects": self._listed}
+        """Return the number of objects in all lists so far."""
+        return {"objects": self._listed}
 
     @property
     def awaited(self) -> list[str]:
@@ -79,7 +77,6 @@ class Perception(GraphNode):
             self._waiting.append(world)
         else:
             self._look(world)
-            self._meter.answered(self.intake.arrived)
 
     def _look(self, world: StateContent) -> None:
         header, tick, period = world
@@ -101,7 +98,6 @@ class Perception(GraphNode):
             self._first = listed if first and self._external else None
         self._listed += objects["status"].tobytes().count(SEEN)
         self.simulated_at = header.at
-        self._meter.tick(tick.number)
         self.acts(tick.number)
 
     def _repeat_first(self) -> None:

@@ -3,7 +3,6 @@
 from typing import Any
 
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.wire.answers import SafetyContent, write_safety_state
 from vpsci_ros.wire.world_state import StateContent, read_world_state
 from vpsci_ros.wire.world_state import warm_up as warm_up_reading
@@ -17,20 +16,13 @@ class SafetyMonitor(GraphNode):
         super().__init__("safety_monitor", **given)
         warm_up_reading()
         warm_up()  # before the topic is there, for which the world waits
-        self._meter = Meter()
         self._safety = self.output("/safety/state")
         self.input("/world/state", read_world_state, self._on_state, raw=True)
         self.ready("/world/state", "/safety/state")
-
-    def figures(self) -> dict[str, Any]:
-        """Return rate and lag of the answers."""
-        return self._meter.figures()
 
     def _on_state(self, world: StateContent) -> None:
         header, tick, _ = world
         curvttc, distance, critical = assess(tick.state)
         self._safety.publish(write_safety_state(SafetyContent(header, tick.number, curvttc, distance, critical)))
         self.simulated_at = header.at
-        self._meter.tick(tick.number)
-        self._meter.answered(self.intake.arrived)
         self.acts(tick.number)
