@@ -57,8 +57,6 @@ class Learner(GraphNode):
         return self._figures
 
     def _pretrain(self) -> None:
-        if not self.diagnostics.found():
-            return  # a recorder has to be there for the first report
         try:
             pretrain(
                 self._near_misses,
@@ -81,7 +79,7 @@ class Learner(GraphNode):
 
     @contextmanager
     def _beginning(self) -> Iterator[None]:
-        """Report a long preparation as progress; a stop request ends it at once."""
+        """Report a long preparation, for which a recorder has to be there; a stop request ends it at once."""
         self._preparations += 1
         self._report({"preparations": self._preparations}, last=True)
         with self.stop.at_once():

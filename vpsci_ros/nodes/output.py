@@ -41,7 +41,6 @@ class Output:
         self._publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
         self._stopping = stopping
         self._ready = False
-        self._waiting_since: float | None = None
         self.published = 0
 
     @property
@@ -67,16 +66,6 @@ class Output:
         """Whether all expected subscribers and all others that are discovered are matched."""
         known = self._node.count_subscribers(self.full_name)
         return self.matched and self._publisher.get_subscription_count() >= known
-
-    def found(self) -> bool:
-        """Return whether all expected subscribers are matched, for a node that polls instead of waiting.
-
-        :raises VpsciError: they did not appear within `PEER_TIMEOUT` of the first call.
-        """
-        self._waiting_since = self._waiting_since or unhindered_time()
-        if not self.matched and unhindered_time() - self._waiting_since > PEER_TIMEOUT:
-            raise self._no_reader()
-        return self.matched
 
     @property
     def has_readers(self) -> bool:
@@ -110,15 +99,12 @@ class Output:
             if self.matched and now - begun > UNEXPECTED_PATIENCE:
                 break
             if unhindered_time() - patience_from > PEER_TIMEOUT:
-                raise self._no_reader()
+                raise VpsciError(
+                    f"{self._node.get_name()}: waited {PEER_TIMEOUT:g} s for {' and '.join(self.missing())} to "
+                    f"subscribe to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
+                )
             if now - last_notice > 5.0:
                 self._node.get_logger().info(f"waiting for {' and '.join(self.missing())} on {self.full_name}")
                 last_notice = now
             time.sleep(0.005)
         self._ready = True
-
-    def _no_reader(self) -> VpsciError:
-        return VpsciError(
-            f"{self._node.get_name()}: waited {PEER_TIMEOUT:g} s for {' and '.join(self.missing())} to subscribe"
-            f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
-        )
