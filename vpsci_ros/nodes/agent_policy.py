@@ -70,12 +70,6 @@ class AgentPolicy(GraphNode):
         """Return the version of the weights."""
         return {"policy_version": self._version}
 
-    def parameters_changed(self) -> None:
-        """Apply the exploration that was set on the running node."""
-        config = self.config(PolicyConfig)
-        if isinstance(self._agent, PolicyAgent):
-            self._agent.set_exploration(config.explore, config.noise)
-
     def _take_up(self, agent: PolicyAgent, weights: Policy, version: int) -> None:
         """Act with `weights` from now on."""
         agent.load(weights, version)

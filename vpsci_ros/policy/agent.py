@@ -68,10 +68,6 @@ class PolicyAgent:
         else:
             self._work = None
 
-    def set_exploration(self, explore: bool, noise: NoiseConfig) -> None:
-        """Set or remove the exploration noise, from the next step on."""
-        self._explore, self._noise = explore, noise
-
     def set_seeds(self, seeds: NDArray[np.int64]) -> None:
         """Set the seed of each slot, int64[B], from the next step on."""
         self._seed = seeds

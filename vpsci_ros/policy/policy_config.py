@@ -45,7 +45,7 @@ class NoiseConfig:
     """The exploration noise N(t) = N_0 exp(-beta t) + N_min (16)."""
 
     start: float = parameter(
-        0.2, "initial amplitude N_0 of the noise (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False
+        0.2, "initial amplitude N_0 of the noise (16)", unit="of the action limit", low=0.0, high=2.0
     )
     floor: float = constant(0.01, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
 
@@ -60,9 +60,7 @@ class PolicyConfig:
         "bank or network weights: a safetensors file, or a shipped name (people, ma_sst_ddpg); empty: wait for weights "
         "on /policy/weights",
     )
-    explore: bool = parameter(
-        False, "add the exploration noise of equation (16) to the actions of a network", read_only=False
-    )
+    explore: bool = parameter(False, "add the exploration noise of equation (16) to the actions of a network")
     seed: int = parameter(1, "seed of the exploration noise and of the choice of reactions", low=0, high=2**63 - 1)
     people: str = parameter(
         "",
