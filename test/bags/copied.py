@@ -15,19 +15,15 @@ def received(time: int) -> int:
     return 1_700_000_000 * 10**9 + time // 2
 
 
-def copied(bag: Path, folder: Path, topics: tuple[str, ...] = STATES, *, untimed: int = 0) -> Path:
-    """Record these topics again as `ros2 bag record` does, with receipt times that run twice as fast.
-
-    :param untimed: so many of the first messages are logged at 0, as before the first `/clock` with `use_sim_time`.
-    """
+def copied(bag: Path, folder: Path) -> Path:
+    """Record the states again as `ros2 bag record` does, with receipt times that run twice as fast."""
     store = known_types()
     writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.open()
     connections = {}
-    for number, raw in enumerate(Bag(bag).messages(topics, ordered=True)):
+    for raw in Bag(bag).messages(STATES, ordered=True):
         if raw.topic not in connections:
             connections[raw.topic] = writer.add_connection(raw.topic, raw.type, typestore=store)
-        time = 0 if number < untimed else received(raw.time)
-        writer.write(connections[raw.topic], time, raw.data)
+        writer.write(connections[raw.topic], received(raw.time), raw.data)
     writer.close()
     return folder

@@ -2,17 +2,14 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import mcap.writer
 import numpy as np
 import pytest
-from bags.copied import copied
 from mcap.writer import IndexType
 from rosbags.rosbag2 import Reader
 
-from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.reader import Bag, bag_files
@@ -93,25 +90,6 @@ def test_a_bag_that_lost_a_file_is_refused_until_it_is_repaired(tmp_path: Path, 
     assert bag_info(folder)["damage"] == []
 
 
-def test_a_graph_in_a_namespace_is_read_by_its_prefix(own_bag: Path, tmp_path: Path) -> None:
-    messages = list(Bag(own_bag).messages())
-    kinds = {raw.topic: BagTopic(raw.topic, raw.type, raw.definition, "RIHS01_0") for raw in messages}
-    for folder, graphs in (("one", ["/left"]), ("two", ["/left", "/right"])):
-        topics = [replace(kind, name=graph + name) for name, kind in kinds.items() for graph in graphs]
-        bag = BagWriter(tmp_path / folder, topics)
-        for raw in messages:
-            for graph in graphs:
-                bag.write(graph + raw.topic, raw.data, raw.time, raw.time)
-        bag.close({})
-    states = [raw.data for raw in messages if raw.topic == "/world/state"]
-    for one in (Bag(tmp_path / "one"), Bag(tmp_path / "two", topic_prefix="/right")):
-        assert [raw.data for raw in one.messages(["/world/state"])] == states
-    with pytest.raises(InvalidInput, match=r"no message of /world/state.* choose one by --topic-prefix"):
-        next(read_bag(tmp_path / "two"))
-    with pytest.raises(InvalidInput, match="no topic below /up; it has /left"):
-        Bag(tmp_path / "two", topic_prefix="/up").topics()
-
-
 def test_repair_completes_the_last_file_of_a_split_bag_and_keeps_the_others(tmp_path: Path) -> None:
     folder = split_bag(tmp_path / "bag")
     *whole, last = bag_files(folder)
@@ -124,22 +102,6 @@ def test_repair_completes_the_last_file_of_a_split_bag_and_keeps_the_others(tmp_
     assert times == list(range(1000, 1000 + len(times)))
     with Reader(folder) as reader:
         assert reader.message_count == len(times)
-
-
-@pytest.mark.parametrize("untimed", [1, 2])
-def test_an_episode_whose_first_messages_came_before_the_clock_begins_with_it(
-    own_bag: Path, foreign: Path, tmp_path: Path, untimed: int
-) -> None:
-    """Both of the first tick are logged at 1.7e18 ns otherwise, and both of the second 25 ms later."""
-    early = copied(own_bag, tmp_path / "early", untimed=untimed)
-    (first, *others), (again, *rest) = (bag_episodes(Bag(bag)) for bag in (foreign, early))
-    late = 25_000_000 if untimed == 2 else 0
-    assert again == replace(first, start_time=first.start_time + late)
-    assert rest == others
-    assert bag_info(early)["episodes"][0]["end"] - bag_info(early)["episodes"][0]["start"] < 10.0
-    times = [raw.time for raw in Bag(early).messages(start=again.start_time, stop=again.start_time)]
-    assert times == [again.start_time] * (4 if untimed == 2 else 2), "they are found by that time, too"
-    assert next(Bag(early).messages(stop=again.start_time - 1), None) is None
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,8 @@ from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.bags.topic_info import TopicInfo, extent
 from vpsci_ros.documents import counted, printable
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire.decoder import decode
 from vpsci_ros.wire.layout import SAFETY, WORLD
 
-CLOCK = "/clock"
 SHOWN = 12  # episodes in the printed list
 
 
@@ -46,8 +44,6 @@ def bag_info(path: str | Path) -> dict[str, Any]:
         raise InvalidInput(f"{path}: the bag holds no message" + (f" that is whole ({damage[0]})" if damage else ""))
     simulated = bool(run.totals or run.software)
     first, last = extent(topics.values())
-    duration = (last - first) * 1e-9
-    factor = 1.0 if simulated else _simulated_share(bag, topics)
     episodes = bag_episodes(bag) if WORLD in topics and topics[WORLD].messages else []
     seen, written = run.count("seen"), run.count("written")
     return {
@@ -55,8 +51,8 @@ def bag_info(path: str | Path) -> dict[str, Any]:
         "files": [file.path.name for file in bag.files],
         "bytes": sum(file.path.stat().st_size for file in bag.files),
         "damage": damage,
-        "time": "simulated" if simulated or factor else "of receipt",
-        "duration": duration * (factor or 1.0),
+        "time": "simulated" if simulated else "of receipt",
+        "duration": (last - first) * 1e-9,
         "messages": sum(topic.messages for topic in topics.values()),
         "messages_seen": sum(seen.values()) if seen else None,
         "messages_written": sum(written.values()) if written else None,
@@ -65,7 +61,7 @@ def bag_info(path: str | Path) -> dict[str, Any]:
                 "name": topic.name,
                 "type": topic.type,
                 "messages": topic.messages,
-                "rate": topic.rate / (factor or 1.0),
+                "rate": topic.rate,
                 "seen": seen.get(topic.name),
                 "written": written.get(topic.name),
             }
@@ -162,18 +158,6 @@ def _print_run(run: dict[str, Any], console: Console) -> None:
         versions = ", ".join(f"{name} {run['software'][name]}" for name in names if name in run["software"])
         made = f"made with {versions} on {run['software'].get('cpu', 'an unknown CPU')}"
         console.print(escape(made), soft_wrap=True)
-
-
-def _simulated_share(bag: Bag, topics: dict[str, TopicInfo]) -> float:
-    """Return how many simulated seconds one second of log time is, by the recorded clock; 0 where there is none."""
-    clock = topics.get(CLOCK)
-    if clock is None or clock.last <= clock.first:
-        return 0.0
-    ends = [next(bag.messages([CLOCK], at, at)) for at in (clock.first, clock.last)]
-    times = [decode(raw, bag.path).clock for raw in ends]
-    return float(times[1].sec - times[0].sec + 1e-9 * (times[1].nanosec - times[0].nanosec)) / (
-        1e-9 * (clock.last - clock.first)
-    )
 
 
 def _episode(episode: BagEpisode) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.summary import Summary
 from zstandard import ZstdError, frame_content_size
 
-from vpsci_ros.bags.topic_info import DAY, KEEP_ALL, TopicInfo, by_name
+from vpsci_ros.bags.topic_info import KEEP_ALL, TopicInfo, by_name
 from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
@@ -292,8 +292,6 @@ def _indexed_topics(reader: SeekingReader, summary: Summary) -> Iterable[TopicIn
         count = summary.statistics.channel_message_counts.get(number, 0)
         ends = [next(reader.iter_messages([channel.topic], reverse=last), None) for last in (False, True)]
         first, last = (0 if end is None else end[2].log_time for end in ends)
-        if first == 0 and last > DAY:
-            first = next(m.log_time for *_, m in reader.iter_messages([channel.topic], starting_at=1))
         yield _topic(channel, summary.schemas.get(channel.schema_id), count, first, last)
 
 

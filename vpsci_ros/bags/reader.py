@@ -3,8 +3,6 @@
 import contextlib
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.mcap_file import McapFile
-from vpsci_ros.bags.topic_info import TopicInfo, by_name, extent
+from vpsci_ros.bags.topic_info import TopicInfo, by_name
 from vpsci_ros.documents import read_yaml, refuse_pointer, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
-from vpsci_ros.wire.layout import WORLD
 
 _SQLITE = "a bag in sqlite3 storage is not read: have `ros2 bag convert` make one of MCAP"
 
@@ -37,15 +34,13 @@ class Bag:
 
     :param path: a rosbag2 folder, with or without its metadata.yaml, or one of its files.
     :param recover: read what is whole of a bag that was not closed, is damaged or lacks files, instead of refusing it.
-    :param topic_prefix: namespace of the graph to read, such as "/left", which is removed from the names of its
-        topics; None: found from their names.
     :ivar path: as given.
     :ivar files: its files in the order of recording.
     :raises InvalidInput: no such bag, or (unless `recover`) metadata.yaml lists a file that is not there.
     """
 
-    def __init__(self, path: str | Path, *, recover: bool = False, topic_prefix: str | None = None) -> None:
-        self.path, self.recover, self._prefix = Path(path), recover, topic_prefix
+    def __init__(self, path: str | Path, *, recover: bool = False) -> None:
+        self.path, self.recover = Path(path), recover
         self.files = [McapFile(file, strict=not recover) for file in bag_files(path)]
         self._information = bag_information(self.path)
         self.lost_files = lost_files(self.path, self._information)
@@ -67,33 +62,9 @@ class Bag:
     def topics(self) -> dict[str, TopicInfo]:
         """Return the bag's topics by name.
 
-        :raises InvalidInput: a file is no MCAP file, (unless `recover`) is damaged, or no topic has the prefix.
+        :raises InvalidInput: a file is no MCAP file, or (unless `recover`) is damaged.
         """
-        return by_name(replace(row, name=self._plain[name]) for name, row in self._named.items() if name in self._plain)
-
-    @cached_property
-    def _named(self) -> dict[str, TopicInfo]:
-        """The topics as the files name them."""
         return by_name(row for file in self.files for row in file.topics())
-
-    @cached_property
-    def _plain(self) -> dict[str, str]:
-        """Names of topics in the files -> without the graph's prefix; one that hides behind another is left out."""
-        prefix = self._prefix
-        if prefix is None:
-            graphs = {name.removesuffix(WORLD) for name in self._named if name.endswith(WORLD)}
-            prefix = graphs.pop() if len(graphs) == 1 else ""
-        prefix = prefix.rstrip("/")
-        names = {name: name.removeprefix(prefix) for name in self._named if name.startswith(f"{prefix}/")}
-        if not names and self._prefix:
-            raise InvalidInput(f"{self.path}: no topic below {self._prefix}; it has {', '.join(self._named) or 'none'}")
-        return names | {name: name for name in self._named.keys() - names.keys() - set(names.values())}
-
-    @cached_property
-    def begin(self) -> int:
-        """The first log time [ns], without messages logged at 0 before the first `/clock`; 0 for a bag without any."""
-        recorded = [topic for topic in self._named.values() if topic.messages]
-        return extent(recorded)[0] if recorded else 0
 
     def require_complete(self, written: Mapping[str, int]) -> None:
         """Refuse a folder that holds fewer messages of a topic than its recorder or metadata.yaml has counted.
@@ -110,7 +81,7 @@ class Bag:
             rows = self._information["topics_with_message_count"]
             listed = {row["topic_metadata"]["name"]: int(row["message_count"]) for row in rows}
             written = {name: max(listed.get(name, 0), written.get(name, 0)) for name in listed | dict(written)}
-        for name, topic in (self._named | self.topics()).items():  # whether or not a prefix was put before them
+        for name, topic in self.topics().items():
             if topic.messages < (count := written.get(name, 0)):
                 raise InvalidInput(
                     f"{self.path}: it holds {topic.messages:,} of the {count:,} messages of {name} that were "
@@ -129,22 +100,15 @@ class Bag:
     ) -> Iterator[RawMessage]:
         """Yield the messages of these topics (None: all) with log times from `start` to `stop` [ns], both included.
 
-        Messages that a recorder on simulated time logged at 0, before the first `/clock`, have the first time of the
-        bag.
-
         :param ordered: by log time within each file; else in the order of writing.
         :raises InvalidInput: see `topics`.
         """
-        chosen = [name for name, plain in self._plain.items() if topics is None or plain in topics]
         if str(self._information.get("compression_mode", "")).lower() == "message":
             raise InvalidInput(
                 f"{self.path}: its messages are compressed one by one; have `ros2 bag convert` unpack them"
             )
-        begin = 0 if start <= self.begin else start
         for file in self.files:
-            for raw in file.select(chosen, begin, stop, ordered=ordered):
-                if (time := raw.time or self.begin) <= stop:
-                    yield raw._replace(topic=self._plain[raw.topic], time=time)
+            yield from file.select(topics, start, stop, ordered=ordered)
 
 
 def opened(bag: str | Path | Bag) -> Bag:

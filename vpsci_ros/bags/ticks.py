@@ -66,10 +66,7 @@ def what_is_missing(bag: Bag) -> str:
     if WORLD in topics:
         recorded = any(topic.messages for topic in topics.values())
         return f"the bag holds no message of {WORLD}" + ("" if recorded else "; nothing was recorded")
-    return (
-        f"no message of {WORLD}, so this is no bag of a vpsci graph; it has {', '.join(topics)}; of several graphs in "
-        "namespaces choose one by --topic-prefix"
-    )
+    return f"no message of {WORLD}, so this is no bag of a vpsci graph; it has {', '.join(topics)}"
 
 
 def _messages(bag: Bag, topics: tuple[str, ...], start: int, stop: int) -> Iterator[RawMessage]:

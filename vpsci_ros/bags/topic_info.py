@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
-DAY = 86_400 * 10**9  # [ns]
 KEEP_ALL = 2**31  # messages: more than any topic has
 
 
@@ -14,8 +13,6 @@ class TopicInfo:
     """One topic of a file or bag: `first` and `last` are log times [ns], 0 where it has no message.
 
     `latched` is how many messages its publishers keep for subscribers that come later, 0 where they keep none.
-    Recorders on simulated time log what comes before the first `/clock` at time 0: where that is more than a `DAY`
-    before the rest, `first` is that of the rest.
     """
 
     name: str
@@ -29,8 +26,7 @@ class TopicInfo:
         """Return this topic's information merged with that on the same topic in another file."""
         if not self.messages or not other.messages:
             return self if self.messages else other
-        firsts, last = (self.first, other.first), max(self.last, other.last)
-        first = max(firsts) if min(firsts) == 0 and last > DAY else min(firsts)
+        first, last = min(self.first, other.first), max(self.last, other.last)
         latched = max(self.latched, other.latched)
         return TopicInfo(self.name, self.type, self.messages + other.messages, first, last, latched)
 
@@ -42,8 +38,7 @@ class TopicInfo:
 
 def extent(topics: Collection[TopicInfo]) -> tuple[int, int]:
     """Return the first and the last log time [ns] of some topics, at least one of which has a message."""
-    last = max(topic.last for topic in topics)
-    return min(topic.first for topic in topics if topic.messages and (topic.last or last <= DAY)), last
+    return min(topic.first for topic in topics if topic.messages), max(topic.last for topic in topics)
 
 
 def by_name(rows: Iterable[TopicInfo]) -> dict[str, TopicInfo]:

@@ -13,10 +13,6 @@ bag_app = typer.Typer(
 )
 
 BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP), or one of its files.")]
-Prefix = Annotated[
-    str | None,
-    typer.Option("--topic-prefix", metavar="/left", help="Namespace of the graph; default: found from the topics."),
-]
 Recover = Annotated[bool, typer.Option("--recover", help="Read the whole messages of a damaged bag.")]
 
 
@@ -54,7 +50,6 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV besides Parquet.")] = False,
     keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes besides.")] = False,
     recover: Recover = False,
-    topic_prefix: Prefix = None,
 ) -> None:
     """Write a bag's episodes as a dataset (files and columns as in the paper's Tables 6 and 7); print a summary.
 
@@ -67,7 +62,7 @@ def export(
     from vpsci_ros.report.summary import print_info
     from vpsci_ros.runs.progress import Bars
 
-    opened = Bag(bag, recover=recover, topic_prefix=topic_prefix)
+    opened = Bag(bag, recover=recover)
     with Bars(f"reading {bag}"):
         export_bag(
             opened,
@@ -88,7 +83,6 @@ def verify(
         str, typer.Option(metavar="FILE", help="Weights to simulate with, if the bag's are not installed.")
     ] = "",
     recover: Recover = False,
-    topic_prefix: Prefix = None,
 ) -> None:
     """Simulate a bag again from its parameters; compare every state, safety answer, action and event, to the bit.
 
@@ -99,7 +93,7 @@ def verify(
     from vpsci_ros.runs.progress import Bars
 
     with Bars(f"simulating {bag} again"):
-        result = verify_bag(Bag(bag, recover=recover, topic_prefix=topic_prefix), weights=weights)
+        result = verify_bag(Bag(bag, recover=recover), weights=weights)
     for note in result.notes:
         print(f"note: {note}")
     if result.difference:
