@@ -1,4 +1,4 @@
-"""Episodes of a bag: found by their records, chosen by number, outcome or CurvTTC, and read without the rest."""
+"""Episodes of a bag: found by their records, chosen by number or CurvTTC, and read without the rest."""
 
 from pathlib import Path
 
@@ -36,13 +36,11 @@ def names(chosen: list[BagEpisode]) -> list[str]:
         (("3",), ["1:3", "6:3"]),
         (("6:3",), ["6:3"]),
         (("3,7-9",), ["1:3", "1:7", "6:3", "6:8"]),
-        (("6:1-9", "goal"), ["6:8"]),
-        (("", "collision"), ["1:7"]),
-        (("", "", 1.5), ["1:7", "6:8"]),
-        (("", "goal", 1.5), ["6:8"]),
+        (("", 1.5), ["1:7", "6:8"]),
+        (("6:1-9", 1.5), ["6:8"]),
     ],
 )
-def test_episodes_are_chosen_by_number_outcome_and_curvttc(conditions: tuple, expected: list[str]) -> None:
+def test_episodes_are_chosen_by_number_and_curvttc(conditions: tuple, expected: list[str]) -> None:
     assert names(choose(EPISODES, *conditions)) == expected
 
 

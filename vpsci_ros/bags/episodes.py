@@ -155,24 +155,18 @@ def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
     return found[0]
 
 
-def choose(
-    episodes: list[BagEpisode], numbers: str = "", outcome: str = "", curvttc_below: float | None = None
-) -> list[BagEpisode]:
+def choose(episodes: list[BagEpisode], numbers: str = "", curvttc_below: float | None = None) -> list[BagEpisode]:
     """Return the episodes that meet all given conditions.
 
     :param numbers: "3,7-9", numbers in every scenario, or "6:12" in one.
-    :param outcome: one of `OUTCOME_NAMES`; empty: any.
     :param curvttc_below: of the least CurvTTC [s].
     :raises InvalidInput: a condition of another form, or that no episode meets; a number that the bag does not have.
     """
-    if outcome and outcome not in OUTCOME_NAMES:
-        raise InvalidInput(f"outcome {outcome!r}: expected one of {', '.join(OUTCOME_NAMES)}")
     ranges = given_names(numbers, "--episodes")
     chosen = [
         episode
         for episode in episodes
         if (not ranges or any(_matches(episode, text) for text in ranges))
-        and outcome in ("", episode.listed.outcome)
         and (curvttc_below is None or episode.listed.least_curvttc < curvttc_below)
     ]
     if not chosen:

@@ -29,10 +29,8 @@ def export_bag(
     bag: str | Path | Bag,
     folder: str | Path,
     *,
-    filters: FilterConfig | None = None,
     formats: Sequence[str] = FORMATS[:1],
     episodes: str = "",
-    outcome: str = "",
     curvttc_below: float | None = None,
     keep_rejected: bool = False,
     console: Console | None = None,
@@ -42,18 +40,17 @@ def export_bag(
     :param bag: rosbag2 folder; what it says of its making goes into the dataset's description.
     :param folder: output folder; must be new or empty.
     :param console: prints how many frames lack a state or its CurvTTC.
-    :param episodes, outcome, curvttc_below: only these episodes, see `vpsci_ros.bags.episodes.choose`, and all of them:
-        `KEEP_ALL` replaces filters that are not given, and episodes without any CurvTTC go to `rejected/`.
+    :param episodes, curvttc_below: only these episodes, see `vpsci_ros.bags.episodes.choose`, and all of them, those
+        without any CurvTTC in `rejected/`; otherwise the paper's filters decide.
     :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
     """
     console = console or Console()
     bag = opened(bag)
     scenarios = scenarios_of(bag)
-    ticks = read_bag(bag)
-    if episodes or outcome or curvttc_below is not None:
-        chosen = choose(bag_episodes(bag), episodes, outcome, curvttc_below)
-        ticks = episode_ticks(bag, chosen)
-        filters = filters or KEEP_ALL
+    ticks, filters = read_bag(bag), None
+    if episodes or curvttc_below is not None:
+        chosen = choose(bag_episodes(bag), episodes, curvttc_below)
+        ticks, filters = episode_ticks(bag, chosen), KEEP_ALL
         keep_rejected |= any(not np.isfinite(episode.listed.least_curvttc) for episode in chosen)
     first = next(ticks)
     frames, unseen = EpisodeFrames(len(first.state), scenarios=scenarios), 0

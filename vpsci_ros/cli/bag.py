@@ -41,9 +41,6 @@ def export(
     episodes: Annotated[
         str, typer.Option(metavar="3,7-9,6:12", help="Export these episodes only; 6:12 is number 12 of scenario 6.")
     ] = "",
-    outcome: Annotated[
-        str, typer.Option(metavar="OUTCOME", help="collision, goal, timeout, parked_collision or none.")
-    ] = "",
     curvttc_below: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Export episodes whose least CurvTTC is below.")
     ] = None,
@@ -53,7 +50,7 @@ def export(
 ) -> None:
     """Write a bag's episodes as a dataset (files and columns as in the paper's Tables 6 and 7); print a summary.
 
-    Without a selection the paper's four filters decide. A selection by number, outcome or CurvTTC overrides them.
+    Without a selection the paper's four filters decide. A selection by number or CurvTTC overrides them.
     """
     from rich.console import Console
 
@@ -69,7 +66,6 @@ def export(
             output,
             formats=("parquet", "csv") if csv else ("parquet",),
             episodes=episodes,
-            outcome=outcome,
             curvttc_below=curvttc_below,
             keep_rejected=keep_rejected,
         )

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vpsci_ros.bags.export import KEEP_ALL, export_bag
+from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.reader import BagTick
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Episode
@@ -53,7 +53,7 @@ def test_ones_own_scenario_is_exported_as_bag_and_dataset_hold_it_whatever_numbe
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", spawn="paper", episode_time=5.0)
     bag, dataset = tmp_path / "bag", tmp_path / "dataset"
     write_ticks(Loop(World(config, [own], [(number, 0)], 1, 3)), config, bag, {}, scenarios=[own])
-    export_bag(bag, dataset, filters=KEEP_ALL, keep_rejected=True)
+    export_bag(bag, dataset, episodes="0", keep_rejected=True)
     for source in (bag, dataset):
         (one,) = read_episodes(source)
         assert (one.label, road_of(one).name, road_of(one).number) == ("yard_000000", "yard", number)
