@@ -133,7 +133,6 @@ class AgentPolicy(GraphNode):
                 del messages[past]
         if message is not None:
             self._actions.publish(message)
-            self.acts(tick.number)
 
     def _act(self, header: WireHeader, tick: Tick, safety: SafetyContent) -> bytes | None:
         """Process one tick; return the serialized action, or None between policy frames or if an answer is refused."""

@@ -84,7 +84,6 @@ class GraphNode(Node, metaclass=_Destroying):
         self._values = self._declare()
         self.peers = self.config(PeerConfig).peers or list(self.essential_peers)
         self.finished = False
-        self._acted_at: int | None = None  # the latest tick
         self.stop = StopRequest()
         namespace = self.get_namespace().strip("/")
         self.frame_prefix = f"{namespace}/" if namespace else ""
@@ -132,12 +131,6 @@ class GraphNode(Node, metaclass=_Destroying):
         self.get_logger().info(
             f"ready: answers {self.full_name(topic)} on {self.full_name(answer)}" + f", {by}" * bool(by)
         )
-
-    def acts(self, tick: int) -> None:
-        """Record a tick that the node answers; log the first one, and each with a lower number than the one before."""
-        if self._acted_at is None or tick < self._acted_at:
-            self.get_logger().info(f"answers from tick {tick} on")
-        self._acted_at = tick
 
     def full_name(self, topic: str) -> str:
         """Return the full name of a topic of `TOPICS`: with this node's namespace, unless graphs share the topic."""

@@ -98,7 +98,6 @@ class Perception(GraphNode):
             self._first = listed if first and self._external else None
         self._listed += objects["status"].tobytes().count(SEEN)
         self.simulated_at = header.at
-        self.acts(tick.number)
 
     def _repeat_first(self) -> None:
         if self._first is not None and time.perf_counter() - self._first_at > REPEAT_AFTER:

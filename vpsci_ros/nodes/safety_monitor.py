@@ -25,4 +25,3 @@ class SafetyMonitor(GraphNode):
         curvttc, distance, critical = assess(tick.state)
         self._safety.publish(write_safety_state(SafetyContent(header, tick.number, curvttc, distance, critical)))
         self.simulated_at = header.at
-        self.acts(tick.number)
