@@ -8,20 +8,16 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.node_config import ReplayerConfig
 from vpsci_ros.nodes.output import PEER_TIMEOUT
-from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 from vpsci_ros.wire.decoder import RawMessage
 
@@ -60,7 +56,7 @@ class Replayer(GraphNode):
         self._makes_clock = CLOCK not in self._outlets
         if self._makes_clock:
             self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
-        self._bag, first = bag, config.first_episode
+        first = config.first_episode
         start = chosen_episode(bag_episodes(bag), first).start_time if first else 0  # [ns]
         depths = {topic.name: depth for topic in chosen if (depth := _kept(topic))}
         self._held = self._publish_held(bag, depths, start)
@@ -103,13 +99,6 @@ class Replayer(GraphNode):
             self._outlets[raw.topic].publish(raw.data)
         return len(messages)
 
-    def _publish_reports(self) -> None:
-        """Publish the nodes' parameters that the bag's records have, for a recorder."""
-        for node, parameters in bag_run(self._bag).parameters.items():
-            name, report = f"{self.frame_prefix}{node}", NodeStatus(state="recorded")
-            at = Time(seconds=0, nanoseconds=self._at).to_msg()
-            self.diagnostics.publish(diagnostics_message(name, report, at, parameters))
-
     def _on_timer(self) -> None:
         if not self._begun:
             self._begin_when_readers_are_found()
@@ -129,7 +118,6 @@ class Replayer(GraphNode):
                 raise VpsciError(f"replayer: waited {PEER_TIMEOUT:g} s for {absent}; or leave it out of 'peers'")
         elif readers and now - self._readers_since > SETTLED:
             self._begun = True
-            self._publish_reports()
             self._restart_pace()
             return
         what = absent or "a reader of any of its topics"
