@@ -88,22 +88,8 @@ def test_what_is_written_on_a_disk_that_fills_at_any_byte_is_whole_or_not_there(
     failed = 0
     for size in [*range(0, len(whole), max(1, len(whole) // 8)), len(whole) - 1, len(whole)]:
         path.unlink() if before is None else path.write_bytes(before)
-        succeeded = writes.attempt(write, path, writes.full_after(size))
+        succeeded = writes.attempt(write, path, size)
         failed += not succeeded
         assert writes.defects(path, before, whole, succeeded) == [], f"full after {size} bytes"
         path.touch()
     assert failed > 3
-
-
-@pytest.mark.parametrize("name", writes.WRITERS)
-@pytest.mark.parametrize("call", writes.CALLS)
-def test_what_is_written_where_any_call_fails_is_whole_or_not_there(name: str, call: str, tmp_path: Path) -> None:
-    path, write = tmp_path / "out" / "file", writes.WRITERS[name]
-    path.parent.mkdir()
-    write(path)
-    whole, made = path.read_bytes(), []
-    assert writes.attempt(write, path, writes.failing(call, 0, made))
-    for number in range(1, made[0] + 1):
-        path.write_bytes(b"before")
-        succeeded = writes.attempt(write, path, writes.failing(call, number, []))
-        assert writes.defects(path, b"before", whole, succeeded) == [], f"call {number} of {call}"

@@ -1,17 +1,14 @@
-"""Writes that fail: a disk that is full after n bytes, and calls that fail one after the other.
+"""Writes that fail: a disk that is full after n bytes.
 
 Whatever is written whole is there as it was before, or as it is now, and nothing else lies beside it. A disk that is
-full is a limit on the size of files (RLIMIT_FSIZE), as the kernel enforces it, also for what libraries write in C++;
-the calls are those by which a file becomes durable.
+full is a limit on the size of files (RLIMIT_FSIZE), as the kernel enforces it, also for what libraries write in C++.
 """
 
 import contextlib
-import os
 import resource
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 from synthetic import random_weights, synthetic_near_misses
@@ -22,7 +19,6 @@ from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.files import write_json, write_text
 
 SMALL = NetworkConfig(hidden=16, heads=2)
-CALLS = ("fsync", "replace", "chmod", "open", "close")
 
 
 @cache
@@ -38,43 +34,17 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 }
 
 
-@contextlib.contextmanager
-def full_after(size: int) -> Iterator[None]:
-    """Let no file become larger than `size` bytes."""
+def attempt(write: Callable[[Path], None], path: Path, size: int) -> bool:
+    """Write where no file may become larger than `size` bytes; return whether that succeeded."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
-        yield
+        with contextlib.suppress(Exception):
+            write(path)
+            return True
+        return False
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@contextlib.contextmanager
-def failing(call: str, number: int, made: list[int]) -> Iterator[None]:
-    """Have the `number`-th call of `os.<call>` fail; `made` gets the number of calls."""
-    original, count = getattr(os, call), 0
-
-    def fails(*args: Any, **kwargs: Any) -> Any:
-        nonlocal count
-        count += 1
-        if count == number:
-            raise OSError(5, "Input/output error (made up)")
-        return original(*args, **kwargs)
-
-    setattr(os, call, fails)
-    try:
-        yield
-    finally:
-        setattr(os, call, original)
-        made.append(count)
-
-
-def attempt(write: Callable[[Path], None], path: Path, broken: contextlib.AbstractContextManager[None]) -> bool:
-    """Write in the presence of a fault; return whether that succeeded."""
-    with contextlib.suppress(Exception), broken:
-        write(path)
-        return True
-    return False
 
 
 def defects(path: Path, before: bytes | None, after: bytes, succeeded: bool) -> list[str]:
