@@ -67,10 +67,10 @@ def test_center_form_starts_when_the_later_of_the_two_occupies_the_crossing_poin
 
 
 def test_center_form_follows_the_arc_to_the_crossing_point():
-    # a quarter circle of radius 10 from the origin crosses the line x = 10 sin(60 deg) after 10 pi / 3 metres
-    ped_x, crossing_y = 10 * math.sin(math.pi / 3), 5.0
+    # a quarter circle of radius 10, northwards from the origin, crosses the line y = 10 sin(60 deg) after 10 pi / 3 m
+    ped_y, crossing_x = 10 * math.sin(math.pi / 3), -5.0
     occupied = (4.69 + 1.85) / 2
-    got = curvttc(0, 0, 0, 4, 0.1, ped_x, crossing_y - 3, 0, 1.5, method="center")
+    got = curvttc(0, 0, math.pi / 2, 4, 0.1, crossing_x + 3, ped_y, -1.5, 0, method="center")
     assert got == pytest.approx((10 * math.pi / 3 - occupied) / 4)
 
 
