@@ -62,20 +62,6 @@ def test_a_topic_whose_name_a_terminal_obeys_is_printed_escaped(tmp_path: Path) 
     assert not {"\x1b", "\x9b"} & set(text.getvalue())
 
 
-def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def breaks(path: Path) -> None:
-        raise KeyError(path.name)
-
-    monkeypatch.setitem(files.KINDS, "parameters", files.KINDS["parameters"]._replace(read=breaks))
-    target = files.KINDS["parameters"].make(tmp_path)
-    whole = target.read_bytes()
-    assert files.verdict_of("parameters", b"a: 1", whole, target).startswith("KeyError")
-    monkeypatch.setitem(
-        files.KINDS, "parameters", files.KINDS["parameters"]._replace(read=Path.read_bytes, sealed=True)
-    )
-    assert "without a word" in files.verdict_of("parameters", b"a: 1", whole, target)
-
-
 @pytest.mark.parametrize("name", writes.WRITERS)
 @pytest.mark.parametrize("before", [None, b"what was there before"])
 def test_what_is_written_on_a_disk_that_fills_at_any_byte_is_whole_or_not_there(
