@@ -11,15 +11,6 @@ from vpsci_ros.errors import InvalidInput, in_words
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, sha256, write_text
 
 
-def test_a_failed_write_keeps_the_file_that_was_there(tmp_path) -> None:
-    target = tmp_path / "x.txt"
-    target.write_text("before")
-    with pytest.raises(RuntimeError), atomic_write(target) as path:
-        path.write_text("half")
-        raise RuntimeError
-    assert target.read_text() == "before"
-
-
 def test_of_two_writes_of_one_file_at_once_the_last_one_stays_whole_and_nothing_beside_it(tmp_path) -> None:
     target = tmp_path / "a[1].html"
     with atomic_write(target) as first:

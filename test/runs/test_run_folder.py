@@ -17,7 +17,6 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.record import read_record
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
-from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 SECTIONS = Sections({"learner": {"seed": 1, "episodes": 600, "near_misses": []}})
 
@@ -92,20 +91,6 @@ def test_a_folder_knows_whether_it_holds_this_run_finished_from_the_same_inputs(
         pass
     data.write_bytes(b"more near misses")
     assert not RunFolder(folder, SECTIONS, [data]).done
-
-
-def test_a_signal_stops_a_run_between_two_updates_only() -> None:
-    number = signal.SIGTERM
-    before = signal.getsignal(number)
-    updates = []
-    with pytest.raises(Stopped), stop_requested_by_signals() as stop:
-        for update in range(5):
-            stop.check()
-            if update == 2:
-                signal.raise_signal(number)
-            updates.append(update)
-    assert updates == [0, 1, 2], "the update in which the signal came is whole"
-    assert signal.getsignal(number) is before
 
 
 def test_a_request_to_stop_waits_until_the_record_is_written(tmp_path, monkeypatch) -> None:
