@@ -96,9 +96,6 @@ def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every
         assert nodes["vehicle_policy"].config(PolicyConfig).seed == 7
         assert nodes["world_simulator"].config(RunConfig).seed == 7
         assert nodes["learner"].config(LearnerConfig).seed == 8, "its own section wins"
-        noise = override("noise.start", 0.5)
-        assert nodes["vehicle_policy"].set_parameters([noise])[0].successful, "on the running node, too"
-        assert nodes["vehicle_policy"].config(PolicyConfig).noise == NoiseConfig(start=0.5)
         for node in nodes.values():
             node.destroy_node()
     finally:
