@@ -124,20 +124,6 @@ def test_a_second_answer_that_differs_is_refused_and_counted_and_the_first_stand
     assert session.lock_step.assessment.curvttc.max() == 1.0  # type: ignore[union-attr]
 
 
-def test_a_paused_world_takes_one_tick_for_each_step_and_nobody_is_late_meanwhile(session: Session) -> None:
-    session.begin()
-    session.lock_step.pause(True, 5.0)
-    session.answer()
-    assert not session.lock_step.may_advance(1000.0)
-    assert session.lock_step.step(1000.0)
-    assert session.lock_step.may_advance()
-    session.begin(2)
-    session.answer(2)
-    assert not session.lock_step.may_advance()
-    session.lock_step.pause(False, 1001.0)
-    assert session.lock_step.may_advance()
-
-
 def test_paced_by_the_wall_clock_a_tick_waits_for_its_beat_and_late_ones_are_counted(session: Session) -> None:
     session.lock_step.pace(True)
     session.begin()

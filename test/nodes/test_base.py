@@ -43,20 +43,6 @@ def test_parameters_carry_description_unit_and_range(context: Context) -> None:
     node.destroy_node()
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("latncy", 0.1, "unknown parameter 'latncy'; did you mean latency"),
-        ("latency", -1.0, "latency = -1.0 is out of range; expected 0 to 2 s"),
-    ],
-)
-def test_a_bad_parameter_is_refused(context: Context, name: str, value: object, message: str) -> None:
-    with pytest.raises(InvalidInput) as caught:
-        Perception(context=context, parameter_overrides=[override(name, value)])
-    assert "perception" in str(caught.value)
-    assert message in str(caught.value)
-
-
 def test_a_node_whose_making_fails_is_destroyed_at_once_and_not_by_the_garbage_collector(context: Context) -> None:
     class Failing(SafetyMonitor):
         def __init__(self) -> None:

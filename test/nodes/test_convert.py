@@ -1,7 +1,5 @@
 """Messages carry arrays without changing a bit, and a message that does not fit is refused."""
 
-import struct
-
 import numpy as np
 import pytest
 from nodes.stage import odometry_messages, state_bytes
@@ -15,7 +13,6 @@ from vpsci_ros.wire.decoder import rewritten
 from vpsci_ros.wire.events import write_events
 from vpsci_ros.wire.header import WireHeader, padded
 from vpsci_ros.world import EPISODE, EVENT
-from vpsci_ros.world.perception import OBJECT
 from vpsci_ros.world.transition import TRANSITION
 
 
@@ -106,17 +103,3 @@ def test_odometry_speaks_in_the_childs_frame() -> None:
     assert vehicle.pose.pose.orientation.z == pytest.approx(np.sin(np.pi / 4))
     assert pedestrian.twist.twist.linear.x == pytest.approx(1.5)
     assert pedestrian.pose.pose.orientation.z == pytest.approx(np.sin(-np.pi / 4))
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_objects_are_points_with_place_velocity_and_number(count: int) -> None:
-    objects = random_records(OBJECT, count)
-    cloud = over_the_wire(convert.objects_message(objects, convert.stamp(7, 0.05)))
-    assert (cloud.header.frame_id, cloud.header.stamp.nanosec) == ("map", 350_000_000)
-    assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (count, 1, 24, 24 * count)
-    assert [(field.name, field.offset) for field in cloud.fields] == [
-        (name, 4 * k) for k, name in enumerate(["x", "y", "z", "vx", "vy", "id"])
-    ]
-    for n, row in enumerate(struct.iter_unpack("<5fI", cloud.data)):
-        x, y, vx, vy, track = (objects[n][name] for name in ("x", "y", "vx", "vy", "track"))
-        assert row == pytest.approx((x, y, 0.0, vx, vy, track), rel=1e-6)

@@ -88,18 +88,6 @@ def test_the_node_drives_what_an_intervention_forces(drive: Callable[..., Drive]
     assert np.diff(session.speed) / 0.05 == pytest.approx([-1.0] * 4 + [-4.0] * 2 + [-1.0] * 4)
 
 
-def test_a_command_that_is_not_to_be_driven_is_refused_counted_and_the_autopilot_drives(
-    drive: Callable[..., Drive],
-) -> None:
-    session = drive(action_timeout=0.02, episode_time=0.5)
-    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, np.nan))
-    session.run()
-    assert len(session.speed) == 11
-    assert np.isfinite(session.speed).all()
-    assert session.missing == 10
-    assert session.world.counts.vehicle_commands_refused >= 10
-
-
 def test_a_command_without_a_header_means_the_present_tick(drive: Callable[..., Drive]) -> None:
     session = drive(episode_time=0.5)
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda _: AccelStamped())
