@@ -9,7 +9,7 @@ from vpsci_ros.learning.rewards import controlled
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.policy_config import NetworkConfig, NoiseConfig, PolicyConfig
+from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import AGENTS
@@ -29,25 +29,18 @@ def networks() -> Networks:
     return made
 
 
-def histories(networks: Networks, batch: int, explore: bool = False) -> dict[tuple[int, int], np.ndarray]:
+def histories(networks: Networks) -> list[np.ndarray]:
     """Simulate; return the transitions of each episode."""
     scenarios = load_scenarios([1, 2, 5, 7])
-    world, builder = World(PAPER, scenarios, EPISODES, batch, 3), TransitionBuilder(PAPER, scenarios)
-    config = PolicyConfig(explore=explore, seed=4, noise=NoiseConfig(start=0.2))
-    agents = policies(networks.weights({}, {}), world, dict.fromkeys(AGENTS, config))
-    made = [whole for step in Loop(world, agents=agents) for whole in builder.observe(step)[1]]
-    return {(int(whole["scenario"][0]), int(whole["episode"][0])): whole for whole in made}
+    world, builder = World(PAPER, scenarios, EPISODES, 8, 3), TransitionBuilder(PAPER, scenarios)
+    agents = policies(networks.weights({}, {}), world)
+    return [whole for step in Loop(world, agents=agents) for whole in builder.observe(step)[1]]
 
 
-@pytest.fixture(scope="module")
-def alone(networks: Networks) -> dict[tuple[int, int], np.ndarray]:
-    return histories(networks, 1)
-
-
-def test_a_policy_acts_by_the_history_that_is_learned_from(networks, alone):
+def test_a_policy_acts_by_the_history_that_is_learned_from(networks):
     """What the network says of a history from a hand-over on is what was done at every step until the hand-back."""
     again, came = 0, 0.0
-    for whole in alone.values():
+    for whole in histories(networks):
         parts = controlled(whole)
         again += len(parts) - 1
         for begin, end in parts:
@@ -62,11 +55,3 @@ def test_a_policy_acts_by_the_history_that_is_learned_from(networks, alone):
                 came = max(came, float(motion[:, 0].abs().max()))
     assert again > 3, "the policies were handed over to again, and began anew"
     assert came > 0.5, "agents come with an acceleration"
-
-
-def test_an_episode_has_the_same_history_to_the_bit_in_any_batch(networks, alone):
-    together = histories(networks, 8)
-    assert set(together) == set(alone)
-    for key, whole in alone.items():
-        for name in (name for name in whole.dtype.names if name != "number"):
-            assert np.array_equal(whole[name], together[key][name]), name

@@ -81,12 +81,6 @@ def test_each_of_the_nearest_situations_is_chosen_as_often_and_no_other() -> Non
     assert counts[:NEAREST].min() > 4000 / NEAREST - 5 * np.sqrt(4000 / NEAREST)
 
 
-def test_left_and_right_are_exchanged_where_the_pedestrian_is_on_the_other_side() -> None:
-    mirrored = APART * MIRROR
-    left, right = acted(reactions(), 0, APART, 50)[0], acted(reactions(), 0, mirrored, 50)[0]
-    np.testing.assert_array_equal(left * [1, -1], right)
-
-
 def test_a_reaction_is_replayed_whole_and_another_one_follows_it() -> None:
     replay, every, along = ReactionReplay(reactions(length=35), 1, 200, False), np.ones(200, bool), []
     situations = np.repeat(APART, 200, axis=0)
