@@ -5,7 +5,7 @@ from synthetic import synthetic_near_misses
 from vpsci_ros.evaluation.errors import CONTROLS
 from vpsci_ros.extras.paper.studies.folds import folds_by_clip
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
-from vpsci_ros.extras.paper.studies.model_table import Hybrid, Refinement
+from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.table_9_page import table_9_page
 from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig, ReplayConfig
 from vpsci_ros.policy.policy_config import NetworkConfig
@@ -40,9 +40,7 @@ def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what
     learner = RefineConfig(replay=ReplayConfig(batch_size=32))
     world = WorldConfig(spawn="paper", episode_time=6.0)
     simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(6)], 6, 2, world)
-    seen = Hybrid(
-        Refinement(learner, simulation, 2), synthetic_near_misses(interactions=6, seed=4).table, [(1, 0), (1, 1)], 7
-    )
+    seen = Hybrid(learner, simulation, synthetic_near_misses(interactions=6, seed=4).table, [(1, 0), (1, 1)], 7)
     table = synthetic_near_misses(interactions=60, seed=3).table
     result = compare_models(
         table, CONFIG, SMALL, models=SIMULATED, folds=2, seed=1, seeds=2, out_dir=tmp_path, hybrid=seen

@@ -174,13 +174,9 @@ class _Run:
             return self._trained(folder / WEIGHTS, pl.concat(both), config, start=start)
         path = folder / stage_2.WEIGHTS
         if not (folder / COST).exists():  # which is written last; what was killed goes on from its checkpoint
-            refinement = hybrid.refinement
-            own = replace(
-                refinement.config,
-                objective=MODELS.find(self.name).learning,
-            )
+            own = replace(hybrid.config, objective=MODELS.find(self.name).learning)
             began = time.process_time()
-            online.refine(self.table, own, start, refinement.simulation, learner_seed=self.seed, out_dir=folder)
+            online.refine(self.table, own, start, hybrid.simulation, learner_seed=self.seed, out_dir=folder)
             write_json(folder / COST, {"training_seconds": time.process_time() - began})
         return path
 

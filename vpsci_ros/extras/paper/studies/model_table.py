@@ -40,47 +40,29 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Refinement:
-    """Configuration of stage 2 in every fold, for `vpsci_ros.learning.online.refine`.
-
-    What guards against forgetting is a fifth of the fold's own clips, since the clips held out are for measuring alone.
-    """
-
-    config: RefineConfig
-    simulation: SimulationConfig
-    learner_seed: int
-
-    def identity(self) -> dict[str, Any]:
-        """Return, as JSON values, everything that the result of stage 2 depends on besides weights and data."""
-        return {
-            "refine": values_of(self.config),
-            "simulation": self.simulation.identity(),
-            "learner_seed": self.learner_seed,
-        }
-
-
-@dataclass(frozen=True)
 class Hybrid:
     """Hybrid learning: the training in simulation, and the world in which models are measured.
 
-    :ivar refinement: of models by reinforcement.
+    :ivar config, simulation: of stage 2, for models by reinforcement, see `learning.online.refine`.
     :ivar simulated: near-miss table of simulated interactions, for all others.
     :ivar episodes: (scenario, number) in which every model is measured; seed: of their world.
     """
 
-    refinement: Refinement
+    config: RefineConfig
+    simulation: SimulationConfig
     simulated: pl.DataFrame
     episodes: Sequence[tuple[int, int]]
     seed: int
 
     def identity(self) -> dict[str, Any]:
         """Return, as JSON values, everything that the training depends on besides recorded data and weights."""
-        return self.refinement.identity() | {"simulated": table_hash(self.simulated)}
+        stage_2 = {"refine": values_of(self.config), "simulation": self.simulation.identity()}
+        return stage_2 | {"simulated": table_hash(self.simulated)}
 
     @property
     def world(self) -> SimulationConfig:
         """The simulation in which models are measured."""
-        return replace(self.refinement.simulation, episodes=self.episodes, seed=self.seed, batch=256, policies={})
+        return replace(self.simulation, episodes=self.episodes, seed=self.seed, batch=256, policies={})
 
     def ends(self, weights: Weights | None) -> dict[str, int]:
         """Return how many episodes of `world` were critical, and how many of these ended in collisions and at goals.

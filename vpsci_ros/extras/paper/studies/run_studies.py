@@ -15,12 +15,11 @@ from vpsci_ros.extras.paper.models import ROWS
 from vpsci_ros.extras.paper.studies.learning import SAMPLE_SIZES, sample_size_study
 from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
-from vpsci_ros.extras.paper.studies.model_table import Hybrid, Refinement
+from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.state import StudyReport
 from vpsci_ros.extras.paper.studies.table_9_page import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import print_table_3
 from vpsci_ros.policy.models import MODELS
-from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import StageBar
 from vpsci_ros.runs.run_config import Sections
@@ -143,11 +142,6 @@ def _hybrid(refine: Sections | None, simulated: Path | None, fresh_episodes: int
         return None
     if refine is None or simulated is None:
         raise InvalidInput("hybrid learning: expected both --refine FILE and --simulated FILE, or neither")
-    learner, config, simulation = stage_2_parameters(refine)
-    refinement = Refinement(config, simulation, learner.seed)
-    return Hybrid(refinement, read_near_misses(simulated), _episodes(simulation, fresh_episodes), FRESH_SEED)
-
-
-def _episodes(simulation: SimulationConfig, count: int) -> list[tuple[int, int]]:
-    """Return the first `count` episodes of each scenario, (scenario, number) each."""
-    return [(scenario.number, number) for number in range(count) for scenario in simulation.scenarios]
+    _, config, simulation = stage_2_parameters(refine)
+    episodes = [(scenario.number, number) for number in range(fresh_episodes) for scenario in simulation.scenarios]
+    return Hybrid(config, simulation, read_near_misses(simulated), episodes, FRESH_SEED)
