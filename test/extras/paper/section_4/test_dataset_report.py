@@ -79,11 +79,11 @@ def test_the_table_has_recordings_their_halves_each_dataset_and_the_paper_side_b
     cell = f"{ks['value']:.3f} [{ks['low']:.3f}, {ks['high']:.3f}]"
     assert table["KS distance to recorded"][2:] == [cell, cell, "0.015"]
     assert table["interactions"][0] == "20"
-    conflicts = table["conflicts: walking speed below 0.5, 1, 1.5 m/s, above [%]"]
+    conflicts = table["conflicts: walking < 0.5, 0.5-1, 1-1.5, >= 1.5 m/s [%]"]
     assert conflicts[2] == "-, -, -, -", "six episodes are too few for any share"
     assert conflicts[-1] == "rise"
     page = (folder / PAGE).read_text(encoding="utf-8")
-    assert "<td>conflicts: walking speed below 0.5, 1, 1.5 m/s, above [%]" in page
+    assert "<td>conflicts: walking &lt; 0.5, 0.5-1, 1-1.5, &gt;= 1.5 m/s [%]" in page
 
 
 def test_a_dataset_without_a_kept_episode_is_refused_before_anything_is_written(

@@ -48,7 +48,6 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
         "units": units.text,
         "long_run": long_run(table, made, seed),
         "c2st_auc": {name: [test.auc, *test.auc_interval] for name, test in tests.items()},
-        "c2st_auc_spread": {name: test.spread for name, test in tests.items()},
         "given_away_by": {name: test.importance for name, test in tests.items()},
     }
 

@@ -51,7 +51,6 @@ class SameStart:
         scored = {"constant_velocity": self._middle, TURN: self._turn}
         scored |= {FADING: fading(onsets), SAMPLER: self._residuals(onsets)}
         self._energies = {name: energy_score(own, onsets.recorded) for name, own in scored.items()}
-        self._ends = [likelihoods(p, onsets)["all"] for p in (self._middle, onsets.recorded[:, None])]
 
     def controls(self) -> dict[str, Simulator]:
         """Return the simulators that are always measured, by name; the recording itself is the first."""
@@ -96,7 +95,6 @@ class SameStart:
                 repetitions=self._repetitions if name == "all" else families,
             )
         first = tests["all"]
-        low, high = (end.mean() for end in self._ends)
         return {
             "roll_outs": positions.shape[1],
             **self._errors(positions),
@@ -104,11 +102,9 @@ class SameStart:
             "min_ade_6": float(min_ade(positions, onsets.recorded).mean()),
             "likelihood": float(likely["all"].mean()),
             "likelihood_interval": self._mean(likely["all"]),
-            "likelihood_way": float((likely["all"].mean() - low) / (high - low)),
             "likelihood_of": {name: float(value.mean()) for name, value in likely.items() if name != "all"},
             "c2st_auc": first.auc,
             "c2st_auc_interval": list(first.auc_interval),
-            "c2st_auc_spread": first.spread,
             "picked": first.picked,
             "c2st_auc_of": {name: [tests[name].auc, *tests[name].auc_interval] for name in FAMILIES[1:]},
             "given_away_by": first.importance,

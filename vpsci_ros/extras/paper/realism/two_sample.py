@@ -25,7 +25,6 @@ class TwoSample(NamedTuple):
 
     auc: float  # area under the curve, each scored by a fold that has not seen its unit; mean of the repetitions
     auc_interval: tuple[float, float]  # 95%, units resampled
-    spread: float  # standard deviation of the repetitions' areas
     picked: float  # two-alternative forced choice: how often the recording of a pair gets the higher score
     importance: dict[str, float]  # AUC of single features without a classifier, the five farthest from 0.5
 
@@ -52,15 +51,13 @@ def two_sample(
     real = np.stack([recorded[name] for name in names], axis=1)
     every = [np.stack([one[name] for name in names], axis=2) for one in simulated]
     made = every[0]
-    of_each = [_once(real, every[k % len(every)], units, seed + k) for k in range(repetitions)]
-    wins: Floats = np.mean(of_each, axis=0)
+    wins: Floats = np.mean([_once(real, every[k % len(every)], units, seed + k) for k in range(repetitions)], axis=0)
     picked = float(wins[np.arange(len(real)), np.arange(len(real))].mean()) if paired else float(wins.mean())
     single = {name: float(_wins(real[:, i], made[:, :, i]).mean()) for i, name in enumerate(names)}
     farthest = sorted(single, key=lambda name: -abs(single[name] - 0.5))[:5]
     return TwoSample(
         float(wins.mean()),
         _interval(wins, units, seed),
-        float(np.std([own.mean() for own in of_each])),
         picked,
         {name: single[name] for name in farthest},
     )

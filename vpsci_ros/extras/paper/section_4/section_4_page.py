@@ -148,9 +148,6 @@ def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame], units: Mapping[
         others = {name: table for name, table in sources.items() if not name.startswith(RECORDED)}
         report["distance"] = {name: distance_between(recorded, table) for name, table in others.items()}
         report["distance"]["between_halves_of_recorded"] = between_halves(recorded)
-        if CLEAN in sources:
-            cleaned = {name: distance_between(sources[CLEAN], table) for name, table in others.items()}
-            report["distance_to_clean"] = cleaned | {"between_halves_of_recorded": between_halves(sources[CLEAN])}
     return report
 
 
