@@ -19,8 +19,9 @@ from vpsci_ros.envs.vector import RightTurnVectorEnv  # noqa: E402
 from vpsci_ros.errors import InvalidInput  # noqa: E402
 from vpsci_ros.policy.policy_config import NetworkConfig  # noqa: E402
 from vpsci_ros.policy.weights import Weights  # noqa: E402
-from vpsci_ros.world import WorldConfig  # noqa: E402
+from vpsci_ros.world import WorldConfig, load_scenarios  # noqa: E402
 from vpsci_ros.world.state import EPISODE  # noqa: E402
+from vpsci_ros.world.tables import tables_from  # noqa: E402
 
 WALKER = {"pedestrian": "social_force"}
 
@@ -130,6 +131,17 @@ def test_the_lane_is_left_at_the_same_cost_on_both_sides():
     reward, terminated, _ = task.outcome(state, state, observation)
     assert terminated.all()
     assert reward.tolist() == [task.AT_FAILURE - task.LATERAL * task.OFF_LANE**2] * 2
+
+
+def test_who_is_beyond_sight_is_observed_at_its_edge_in_the_same_direction():
+    """(300, -400) m is 500 m away, so that it is seen at a tenth of it; (30, 40) m is at the edge, and stays."""
+    tables = tables_from(load_scenarios([1]))
+    state = np.zeros(2, EPISODE)
+    state["vehicle_x"], state["vehicle_y"] = 10.0, 20.0
+    state["pedestrian_x"], state["pedestrian_y"] = [310.0, 40.0], [-380.0, 60.0]
+    seen = task.observe(state, np.full(2, np.inf), tables)[:, 16:18]
+    assert np.allclose(seen, [[30.0, -40.0], [30.0, 40.0]], atol=1e-5)
+    assert task.SIGHT == 50.0
 
 
 def test_the_picture_shows_lane_vehicle_and_pedestrian():

@@ -11,6 +11,9 @@ Observation, float32[21], in SI units and the vehicle's heading frame (forward, 
 | 16-19   | pedestrian's position and velocity, (forward, left) each                |
 | 20      | CurvTTC, at most 10 s                                                   |
 
+A pedestrian more than 50 m away is observed 50 m away in its direction. On an exam's empty road it is 1000 m
+away, which no training shows.
+
 Action, float32[2] in -1..1: steer (positive to the left), and throttle where positive, brake where negative.
 
 Reward of a step: 0.1 for each metre of progress along the lane, less 0.02 for each square metre of the squared lateral
@@ -32,6 +35,7 @@ PREVIEW = (2.0, 4.0, 7.0, 11.0, 16.0)  # [m]
 SIZE = 21
 HORIZON = 10.0  # [s] stands for an infinite CurvTTC
 BOUND = 500.0  # no entry of an observation is larger
+SIGHT = 50.0  # [m] at most, at which a pedestrian is observed
 OFF_LANE = 3.5  # [m]
 PROGRESS, LATERAL, AT_GOAL, AT_FAILURE = 0.1, 0.02, 10.0, -10.0
 
@@ -81,6 +85,8 @@ def _observe(state, curvttc, rows, lane, out):  # type: ignore[no-untyped-def]
         for k in range(len(PREVIEW)):
             ahead_x, ahead_y = point_at(lane, table, count, step, s + PREVIEW[k])
             out[i, 6 + 2 * k], out[i, 7 + 2 * k] = to_heading_frame(heading, ahead_x - x, ahead_y - y)
-        out[i, 16], out[i, 17] = to_heading_frame(heading, episode.pedestrian_x - x, episode.pedestrian_y - y)
+        away_x, away_y = episode.pedestrian_x - x, episode.pedestrian_y - y
+        seen = SIGHT / max(math.hypot(away_x, away_y), SIGHT)
+        out[i, 16], out[i, 17] = to_heading_frame(heading, seen * away_x, seen * away_y)
         out[i, 18], out[i, 19] = to_heading_frame(heading, episode.pedestrian_vx, episode.pedestrian_vy)
         out[i, 20] = min(curvttc[i], HORIZON)
