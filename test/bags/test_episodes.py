@@ -11,11 +11,9 @@ from vpsci_ros.bags.episodes import (
     EpisodeLog,
     bag_episodes,
     choose,
-    chosen_episode,
 )
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.episode import Listed
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import EVENT, FINISHED, STARTED
 
 
@@ -42,14 +40,6 @@ def names(chosen: list[BagEpisode]) -> list[str]:
 )
 def test_episodes_are_chosen_by_number_and_curvttc(conditions: tuple, expected: list[str]) -> None:
     assert names(choose(EPISODES, *conditions)) == expected
-
-
-def test_a_number_in_two_scenarios_needs_its_scenario() -> None:
-    assert chosen_episode(EPISODES, "7").listed.name == "1:7"
-    with pytest.raises(InvalidInput, match=r"in several scenarios; name one of 1:3 \(goal\), 6:3 \(timeout\)"):
-        chosen_episode(EPISODES, "3")
-    with pytest.raises(InvalidInput, match="not in the bag"):
-        chosen_episode(EPISODES, "6:7")
 
 
 def test_events_make_episodes_and_one_whose_beginning_was_not_seen_is_left_out() -> None:

@@ -147,7 +147,7 @@ def test_the_rate_sets_the_pace_and_changes_on_the_way(player: Player, short_bag
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"first_episode": "9"}, "episode 9: not in the bag"),
+        ({"first_episode": "9"}, "no episode of the bag is as chosen"),
         ({"bag": "nowhere"}, "nowhere: no such folder"),
     ],
 )

@@ -142,19 +142,6 @@ def _episodes(ticks: Iterator[BagTick], scenarios: Sequence[Scenario], **more: A
         yield from ended_episodes(itertools.chain([first], ticks), first.period, scenarios, **more)
 
 
-def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
-    """Return the episode with a name such as "12" or "6:12".
-
-    :raises InvalidInput: not of that form, no such episode, or one with that number in several scenarios.
-    """
-    found = [episode for episode in episodes if _matches(episode, text)]
-    if not found:
-        raise InvalidInput(f"episode {text}: not in the bag; it has {_some(episodes)}")
-    if len({episode.listed.key for episode in found}) > 1:
-        raise InvalidInput(f"episode {text}: there is one in several scenarios; name one of {_some(found)}")
-    return found[0]
-
-
 def choose(episodes: list[BagEpisode], numbers: str = "", curvttc_below: float | None = None) -> list[BagEpisode]:
     """Return the episodes that meet all given conditions.
 

@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
+from vpsci_ros.bags.episodes import bag_episodes, choose
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
@@ -57,7 +57,7 @@ class Replayer(GraphNode):
         if self._makes_clock:
             self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
         first = config.first_episode
-        start = chosen_episode(bag_episodes(bag), first).start_time if first else 0  # [ns]
+        start = min(each.start_time for each in choose(bag_episodes(bag), first)) if first else 0  # [ns]
         depths = {topic.name: depth for topic in chosen if (depth := _kept(topic))}
         self._held = self._publish_held(bag, depths, start)
         topics = self._outlets.keys() - ({CLOCK} if self._makes_clock else set())  # not the recorded clock, too
