@@ -1,65 +1,17 @@
-"""What ends a run of a graph, with processes and a watch that are made up."""
+"""When a run of a graph is idle, with reports and processes that are made up."""
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.nodes.graph import NodeProcesses, _follow
-from vpsci_ros.nodes.node_config import GraphConfig
+from vpsci_ros.nodes.graph import NodeProcesses
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.runs.processes import CoreTime, core_time
 from vpsci_ros.runs.run_config import Sections
-from vpsci_ros.runs.stop_request import StopRequest
-
-
-class Processes:
-    """Processes that end with given statuses, one list of exit statuses by node after another."""
-
-    leader = "world_simulator"
-    logs = "log"
-    running = ("world_simulator", "vehicle_policy")
-
-    def __init__(self, *ends: dict[str, int]) -> None:
-        self._ends = list(ends)
-        self._polls = 0
-
-    def ended(self) -> dict[str, int]:
-        return self._ends.pop(0) if self._ends else {}
-
-    def statuses(self, _: float) -> dict[str, NodeStatus]:
-        self._polls += 1
-        assert self._polls < 1000, "the run goes on for ever"
-        return {}
-
-    def hindered(self) -> float:
-        return 0.0
-
-    def explain(self, node: str) -> str:
-        return f"{node} ended"
-
-
-def watch(idle: float = 0.0) -> Any:
-    return SimpleNamespace(take=lambda _: None, excuse=lambda _: None, idle_time=lambda: idle)
-
-
-def follow(processes: Processes, seen: Any = None, *, made: bool = False, **graph: Any) -> str:
-    request = StopRequest()
-    if made:
-        request.set()
-    return _follow(processes, seen or watch(), GraphConfig(**graph), request, lambda *_: "")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("node", "status"), [("vehicle_policy", -9), ("vehicle_policy", 2), ("safety_monitor", 0)])
-def test_the_end_of_any_node_but_the_leader_ends_the_run_with_its_name(node: str, status: int) -> None:
-    assert follow(Processes({node: status})) == f"{node} ended"
-
-
-def test_a_request_to_stop_ends_the_run_whatever_else_happens() -> None:
-    assert follow(Processes({"vehicle_policy": -9}), made=True) == "stopped on request"
 
 
 def test_a_world_that_is_paused_is_not_idle(monkeypatch: pytest.MonkeyPatch) -> None:
