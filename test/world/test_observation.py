@@ -36,26 +36,6 @@ def test_numbers_by_hand_for_a_vehicle_driving_north():
     assert pedestrian[0] == pytest.approx([0, 1.5, 6, -3, -4, 1.5], abs=1e-6)
 
 
-def test_turning_and_moving_the_whole_scene_changes_nothing():
-    rng = np.random.default_rng(2)
-    x, y, heading, vx, vy, px, py, pvx, pvy = rng.normal(size=(9, 50))
-    turn = 1.234
-    c, s = math.cos(turn), math.sin(turn)
-
-    def turned(a, b):
-        return c * a - s * b, s * a + c * b
-
-    moved = [
-        *np.add(turned(x, y), 7.0),
-        heading + turn,
-        *turned(vx, vy),
-        *np.add(turned(px, py), 7.0),
-        *turned(pvx, pvy),
-    ]
-    for a, b in zip(observe_arrays(x, y, heading, vx, vy, px, py, pvx, pvy), observe_arrays(*moved), strict=True):
-        assert np.allclose(a, b, atol=1e-5)
-
-
 def test_a_rows_bits_do_not_depend_on_its_place_or_its_neighbours():
     rng = np.random.default_rng(3)
     columns = rng.normal(size=(9, 65)) * 30
