@@ -40,17 +40,6 @@ def test_the_part_of_a_step_before_contact_is_that_of_geometry(before, after, pa
     assert contact_in_step(*seen(before, after), *SIZES) == pytest.approx(part, abs=1e-5)
 
 
-def test_both_ends_are_free_and_the_pedestrian_is_hit_between_them():
-    """The pedestrian walks past the corner at 45 degrees, 0.15 m from its point, and touches the front."""
-    x, y = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
-    along, off = np.array([-1.0, 1.0]) / math.sqrt(2.0), 0.15 * np.array([1.0, 1.0]) / math.sqrt(2.0)
-    before, after = (tuple(np.array([x, y]) + off + way * along) for way in (-0.5, 0.5))
-    assert clearance(0.0, 0.0, 0.0, *before) > 0.1
-    assert clearance(0.0, 0.0, 0.0, *after) > 0.1
-    before_middle = math.sqrt(2.0) * PEDESTRIAN_RADIUS - 0.15
-    assert contact_in_step(*seen(before, after), *SIZES) == pytest.approx(0.5 - before_middle, abs=1e-6)
-
-
 def test_no_turning_or_braking_car_of_the_world_is_a_centimetre_off_in_a_step():
     """Sharpest turn and hardest braking at up to 12 m/s, against the true path at 400 instants of the step."""
     rng, tick, worst = np.random.default_rng(5), 0.05, 0.0
