@@ -10,22 +10,21 @@ from vpsci_ros.safety import curvttc
 TIGHT = 1e-6  # [s]
 
 
-def test_vehicle_driving_straight_at_a_standing_pedestrian_meets_it_with_its_front():
-    assert curvttc(0, 0, 0, 5, 0, 20, 0, 0, 0) == pytest.approx((20 - 4.69 / 2 - 0.3) / 5, abs=TIGHT)
+FRONT, SIDE = 4.69 / 2 + 0.3, 0.925 + 0.3  # [m] from the car's middle to that of a pedestrian who touches it
 
 
-def test_head_on_the_closing_speed_is_the_sum_of_both():
-    assert curvttc(0, 0, 0, 5, 0, 20, 0, -1.5, 0) == pytest.approx((20 - 4.69 / 2 - 0.3) / 6.5, abs=TIGHT)
-
-
-def test_crossing_at_a_right_angle_the_pedestrian_is_met_by_the_front():
-    # front edge arrives at x = 12 - 0.3 at t = (12 - 0.3 - 2.345) / 5 = 1.871; the pedestrian is then at y = -0.19
-    assert curvttc(0, 0, 0, 5, 0, 12, -3, 0, 1.5) == pytest.approx(1.871, abs=TIGHT)
-
-
-def test_crossing_at_a_right_angle_the_pedestrian_walks_into_the_side():
-    # at t = (3 - 0.925 - 0.3) / 1.5 the side is reached, while the rectangle spans x = 3.57 .. 8.26
-    assert curvttc(0, 0, 0, 5, 0, 6, -3, 0, 1.5) == pytest.approx((3 - 0.925 - 0.3) / 1.5, abs=TIGHT)
+@pytest.mark.parametrize(
+    ("speed", "curvature", "walker", "contact"),
+    [
+        (5.0, 0.0, (20, 0, 0, 0), (20 - FRONT) / 5),  # stands in its way
+        (5.0, 0.0, (20, 0, -1.5, 0), (20 - FRONT) / 6.5),  # comes towards it
+        (5.0, 0.0, (12, -3, 0, 1.5), (12 - FRONT) / 5),  # crosses and is met by the front, at y = -0.19
+        (5.0, 0.0, (6, -3, 0, 1.5), (3 - SIDE) / 1.5),  # walks into the side, which spans x = 3.57 .. 8.26 then
+        (0.0, 0.1, (0, 4, 0, -1), 4 - SIDE),  # walks into a car that stands
+    ],
+)
+def test_contact_times_that_follow_from_a_line_of_geometry(speed, curvature, walker, contact):
+    assert curvttc(0, 0, 0, speed, curvature, *walker) == pytest.approx(contact, abs=TIGHT)
 
 
 def test_arc_meets_a_standing_disc_where_its_front_edge_has_turned_to():
@@ -49,10 +48,6 @@ def test_contact_at_the_horizon_counts_and_after_it_does_not():
     contact = (20 - 4.69 / 2 - 0.3) / 5
     assert curvttc(0, 0, 0, 5, 0, 20, 0, 0, 0, horizon=contact + 1e-6) == pytest.approx(contact, abs=TIGHT)
     assert curvttc(0, 0, 0, 5, 0, 20, 0, 0, 0, horizon=contact - 1e-6) == math.inf
-
-
-def test_pedestrian_walking_into_a_standing_vehicle_counts():
-    assert curvttc(0, 0, 0, 0, 0.1, 0, 4, 0, -1) == pytest.approx(4 - 0.925 - 0.3, abs=TIGHT)
 
 
 @pytest.mark.parametrize("where", [(0.0, 0.0), (2.0, 0.9), (2.345 + 0.29, 0.0), (2.345 + 0.2, 0.925 + 0.2)])
