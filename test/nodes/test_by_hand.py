@@ -25,7 +25,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.training_config import LearnerConfig
 from vpsci_ros.nodes.graph import resolve, run_graph
 from vpsci_ros.nodes.learner import Learner
-from vpsci_ros.parameters import as_ros_parameters, read_parameter_file
+from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.run_config import Sections
 
@@ -33,17 +33,14 @@ NODES = ["recorder", "world_simulator", "safety_monitor"]
 
 
 class ByHand:
-    """Nodes of a graph started one by one as processes, by a parameter file or sections of one."""
+    """Nodes of a graph started one by one as processes, by a parameter file."""
 
-    def __init__(self, folder: Path, parameters: Sections | Path, namespace: str = "") -> None:
+    def __init__(self, folder: Path, parameters: Sections, namespace: str) -> None:
         self.folder, self._namespace = folder, namespace
         folder.mkdir(parents=True, exist_ok=True)
-        if isinstance(parameters, Path):
-            self._parameters = parameters
-        else:
-            self._parameters = folder / "params.yaml"
-            layout = as_ros_parameters(resolve(parameters, folder).values, any_namespace=bool(namespace))
-            self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")
+        self._parameters = folder / "params.yaml"
+        layout = as_ros_parameters(resolve(parameters, folder).values, any_namespace=True)
+        self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, *nodes: str, extra: tuple[str, ...] = ()) -> None:
@@ -52,7 +49,7 @@ class ByHand:
             node = names.partition(",")[0]
             command = [sys.executable, "-m", "vpsci_ros.nodes", names, "--ros-args"]
             command += ["--params-file", str(self._parameters)]
-            command += ["-r", f"__ns:={self._namespace}"] * bool(self._namespace)
+            command += ["-r", f"__ns:={self._namespace}"]
             with open(self.folder / f"{node}.log", "ab") as log:
                 self.running[node] = subprocess.Popen([*command, *extra], stdout=log, stderr=subprocess.STDOUT)
 
@@ -60,9 +57,9 @@ class ByHand:
         """Return what a node has said so far."""
         return (self.folder / f"{node}.log").read_text()
 
-    def finish(self, first: str = "world_simulator") -> Path:
-        """Wait for the end of `first`, stop the others, the recorder last; return the bag."""
-        assert self.running[first].wait(PATIENCE) == 0, self.log(first)
+    def finish(self) -> Path:
+        """Wait for the end of the world, stop the others, the recorder last; return the bag."""
+        assert self.running["world_simulator"].wait(PATIENCE) == 0, self.log("world_simulator")
         for node in sorted(self.running, key=lambda name: name == "recorder"):
             if self.running[node].poll() is None:
                 self.running[node].send_signal(signal.SIGINT)
@@ -102,19 +99,6 @@ def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_param
         assert "/safety/state" in at_first
         assert ("/markers" in at_first) == (batch == 1)
     assert ticks[0] < ticks[1]
-
-
-def test_a_stages_nodes_in_one_process_started_by_hand_with_its_file_reach_its_end(
-    domain: int, tmp_path: Path, closed: Callable[[Any], Any]
-) -> None:
-    """As `ros2 run vpsci_ros NODE --ros-args --params-file FILE` starts them; `-p NODE:NAME:=VALUE` makes it small."""
-    file = params_dir() / "stage3_generate.yaml"
-    graph = closed(ByHand(tmp_path, file))
-    small = {"recorder:bag": tmp_path / "bag", "world_simulator:scenarios": [1]}
-    small |= {"world_simulator:episodes": 2, "world_simulator:batch": 2, "world_simulator:episode_time": 3.0}
-    extra = tuple(word for name, value in small.items() for word in ("-p", f"{name}:={value}"))
-    graph.start(",".join(read_parameter_file(file)["graph"]["nodes"]), extra=extra)
-    assert "/diagnostics" in Bag(graph.finish()).topics()
 
 
 def test_a_learner_started_by_hand_writes_where_the_parameter_file_of_stage_two_reads(

@@ -100,14 +100,6 @@ def test_results_and_files_come_back_and_nothing_is_left_there(two: LocalCluster
     until(lambda: not two.children())
 
 
-def test_the_units_of_a_killed_worker_are_done_elsewhere(two: LocalCluster, signs: Path) -> None:
-    workers = started(two, signs, 0.3)
-    stepped(workers, 2)
-    threading.Timer(1.0, two.kill, (0,)).start()
-    assert all_of(workers) == {n: n * n for n in range(UNITS)}
-    workers.close()
-
-
 @pytest.mark.parametrize("kind", ["kills_process", "kills_worker"])
 def test_a_unit_that_kills_three_workers_is_named_and_the_rest_finishes(
     kind: str, two: LocalCluster, signs: Path, capfd: pytest.CaptureFixture[str]

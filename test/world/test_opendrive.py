@@ -86,18 +86,6 @@ def test_a_route_joins_lanes_in_the_order_of_driving(tmp_path):
         OpenDriveMap(path).route([(2, -1), (3, -1)])
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [("<OpenDRIVE><road", "XML that does not parse"), ("<kml/>", "root element 'kml'"), (None, "cannot be read")],
-)
-def test_a_file_that_is_no_map_is_refused(tmp_path, content, message):
-    path = tmp_path / "map.xodr"
-    if content:
-        path.write_text(content, encoding="utf-8")
-    with pytest.raises(InvalidInput, match=message):
-        OpenDriveMap(path)
-
-
 def test_what_the_map_does_not_have_is_refused(tmp_path):
     poly3 = PIECE.format(s=0, x=0, y=0, hdg=0, length=9, kind='<poly3 a="0" b="0" c="0" d="0"/>')
     found = OpenDriveMap(write(tmp_path, straight(), road(poly3, 9, 2)))
