@@ -146,7 +146,22 @@ def test_the_first_screen_has_the_verdict_then_what_got_worse_and_better_and_how
     worse = text[places[2] : places[3]]
     assert "collisions, vehicle moving [points]: default pedestrian +83.3 [" in worse
     assert "with 12 episodes a change of 70 points or more would show" in worse, "all of 12 episodes differ"
-    assert "no change shows in collisions, conflicts" in text[places[3] :]
+    assert "no change shows in collisions; conflicts" in text[places[3] :]
+
+
+def test_nothing_is_said_of_an_autopilot_that_did_not_drive_nor_of_a_change_that_too_few_would_show(tmp_path):
+    drives, table = episodes("learned", "ads", 2)
+    drives, table = drives[:2], table.filter(pl.col("episode") < 2)
+    config = ExamConfig(pedestrians=["learned"], baseline=False)
+    report = make_report(table, {"learned": Conduct(12)}, config)
+    earlier = Earlier(tmp_path / "main", "main.py", table)
+    report["against"] = compare(table, earlier, SimpleNamespace(config=config))
+    report |= {"exam": EXAM, "failures": [], "criteria": []}
+    write_page(tmp_path / "report.html", report, table, {"learned": drives}, "")
+    text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", (tmp_path / "report.html").read_text().split("<body>")[1]))
+    assert "the rule-based autopilot" not in text
+    assert "default pedestrian: no change shows in collisions; collisions, vehicle moving; conflicts;" in text
+    assert "; arrived. A change shows" in text, "and no change that two episodes would show, for there is none"
 
 
 def test_no_table_is_wider_than_its_column_at_1280_pixels(compared, browser):

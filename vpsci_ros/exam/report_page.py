@@ -198,8 +198,8 @@ def _changes(report: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return what got worse and better against the earlier exam or, without one, the autopilot; None without either.
 
     `worse` and `better`: measure -> pedestrian -> change, of changes that show. `unclear`: pedestrian -> titles of all
-    other measures. `failure`: pedestrian -> how large a change of the failures would show. `episodes`: pedestrian ->
-    row of the comparison with the earlier exam.
+    other measures. `failure`: pedestrian -> how large a change of the failures would show; "" where that is not known.
+    `episodes`: pedestrian -> row of the comparison with the earlier exam.
     """
     pedestrians = report["against"]["pedestrians"] if "against" in report else {}
     found = {name: row["differences"] for name, row in pedestrians.items()} or report["beside"]
@@ -217,7 +217,8 @@ def _changes(report: Mapping[str, Any]) -> dict[str, Any] | None:
                 kind = "worse" if (row["value"] > 0.0) == (MEASURES[measure].good == "low") else "better"
                 changes[kind].setdefault(measure, {})[pedestrian] = row
     failure = f"{report['failure']}_rate"
-    seen = {name: f"{can_see(rows[failure], failure)} in {MEASURES[failure].title}" for name, rows in found.items()}
+    seen = {name: can_see(rows[failure], failure) for name, rows in found.items()}
+    seen = {name: f"{text} in {MEASURES[failure].title}" if text else "" for name, text in seen.items()}
     against = report["against"]["folder"] if pedestrians else "the rule-based autopilot"
     return {"against": against, "unclear": unclear, "failure": seen, "episodes": pedestrians} | changes
 
