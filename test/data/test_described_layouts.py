@@ -191,7 +191,7 @@ def test_the_size_of_a_layout_is_that_of_its_vehicles_and_is_stored_with_the_tab
 def test_clips_of_one_folder_have_one_source_and_one_size(tmp_path: Path) -> None:
     write(tmp_path, rows())
     (clip,) = described(tmp_path)
-    for other in (replace(clip, source="elsewhere"), clip.with_size(5.1, 2.0)):
+    for other in (replace(clip, source="elsewhere"), replace(clip, size=(5.1, 2.0))):
         with pytest.raises(InvalidInput, match=r"clip b: expected source here and vehicles of \(4.5, 1.8\) m, .* got"):
             near_misses_of("here", [clip, replace(other, name="b")], length=4.5, width=1.8)
 

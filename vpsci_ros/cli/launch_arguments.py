@@ -25,11 +25,6 @@ class Argument(NamedTuple):
     description: str
     sets: Mapping[str, tuple[str, ...]]
 
-    @property
-    def is_list(self) -> bool:
-        """Whether the argument's values may be given with commas and without brackets."""
-        return self.name in ("scenarios", "near_misses")
-
 
 _WORLD = ("refine", "generate")
 _EVERY = ("pretrain", *_WORLD)
@@ -103,6 +98,7 @@ def _assignments(params: str, given: Mapping[str, str]) -> list[str]:
         value = given.get(argument.name, "")
         if value and key not in argument.sets:
             raise InvalidInput(f"{argument.name}:={value}: nothing reads it in {stage.name}, for which {params} is")
-        value = f"[{value}]" if value and argument.is_list and not value.startswith("[") else value
+        if argument.name in ("scenarios", "near_misses") and value and not value.startswith("["):
+            value = f"[{value}]"
         texts += [f"{target}={value}" for target in argument.sets.get(key, ()) if value]
     return texts

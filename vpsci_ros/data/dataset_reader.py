@@ -117,17 +117,12 @@ class Dataset:
         """
         listed = {one.key: one for one in self.listed(rejected=rejected) if wanted is None or one.name in wanted}
         groups = {one.group for one in listed.values()}
+        beyond = self.index().filter(pl.col("range") == "beyond").select("scenario", "count").rows()
+        marks = dict.fromkeys(beyond, ("beyond_range",))
         for name in (scenario,) if scenario else self.scenarios:
             if name in groups:
                 for path, part in self._parts(name, rejected=rejected):
-                    yield from episodes_in(
-                        part, path, listed, self._roads, self.period, str(self.folder), marks=self._marks
-                    )
-
-    @cached_property
-    def _marks(self) -> dict[Key, tuple[str, ...]]:
-        beyond = self.index().filter(pl.col("range") == "beyond").select("scenario", "count").rows()
-        return dict.fromkeys(beyond, ("beyond_range",))
+                    yield from episodes_in(part, path, listed, self._roads, self.period, str(self.folder), marks=marks)
 
     def holds_rejected(self, name: str) -> bool:
         """Whether the dataset holds the rejected episodes of a scenario (`dataset.keep_rejected`)."""

@@ -67,7 +67,8 @@ class Listed(NamedTuple):
     @classmethod
     def simulated(cls, key: Key, scenario: Scenario | None, outcome: str, least_curvttc: float) -> "Listed":
         """Return the metadata of a simulated episode; its group is a placeholder where the scenario is unknown."""
-        return cls(f"{key[0]}:{key[1]}", group_of(key[0], scenario), *key, outcome, least_curvttc)
+        group = scenario.name if scenario else f"scenario_{key[0]}"
+        return cls(f"{key[0]}:{key[1]}", group, *key, outcome, least_curvttc)
 
     @property
     def label(self) -> str:
@@ -78,11 +79,6 @@ class Listed(NamedTuple):
     def key(self) -> Key:
         """Number of the scenario (0 for none) and number of the episode."""
         return self.scenario, self.number
-
-
-def group_of(number: int, scenario: Scenario | None) -> str:
-    """Return the name of a scenario, or a placeholder if it is unknown."""
-    return scenario.name if scenario else f"scenario_{number}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,13 +77,6 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
     save_png(figure, path)
 
 
-def save_one(episode: Episode, path: Path) -> None:
-    """Draw the trajectories of one episode as a PNG."""
-    figure = blank_figure(4.4, 3.3)
-    draw_episode(figure.subplots(), "", episode.pair())
-    save_png(figure, path)
-
-
 def _colour(pedestrian: str) -> str:
     """Return a pedestrian's colour; those that other packages add take the remaining colours in turn."""
     return COLOURS.get(pedestrian) or _MORE[added_pedestrians().index(pedestrian) % len(_MORE)]
@@ -278,7 +271,10 @@ def _pictured(
     out = []
     for number, row in enumerate(rows, start=1):
         key, picture = (row["scenario"], row["episode"]), folder / f"must_see_{number}.png"
-        save_one(next(each for each in episodes[row["pedestrian"]] if each.key == key), picture)
+        figure = blank_figure(4.4, 3.3)
+        (episode,) = (each for each in episodes[row["pedestrian"]] if each.key == key)
+        draw_episode(figure.subplots(), "", episode.pair())
+        save_png(figure, picture)
         out.append(row | {"picture": picture})
     return out
 

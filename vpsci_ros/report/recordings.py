@@ -109,7 +109,8 @@ def _facts(clips: Sequence[Clip]) -> list[str]:
     x, y = (np.concatenate([each[name] for each in (*(car.values for car in cars), *people)]) for name in ("x", "y"))
     speeds = [np.concatenate([car.values["speed"] for car in cars])]
     speeds.append(np.concatenate([np.hypot(one["vx"], one["vy"]) for one in people]))
-    sizes = sorted({tuple(round(side, 1) for side in car.size) for car in cars if car.size})
+    own = (car.size or clip.size for clip in clips for car in clip.vehicles)
+    sizes = sorted({tuple(round(side, 1) for side in size) for size in own if size})
     known = f"{' x '.join(map(str, sizes[0]))} to {' x '.join(map(str, sizes[-1]))} m" if sizes else "the format's"
     return [
         f"{counted(len(clips), 'clip')}, {counted(len(cars), 'track')} of vehicles, {len(people)} of pedestrians",

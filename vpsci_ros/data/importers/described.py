@@ -43,8 +43,9 @@ def described(folder: Path, description: Path | None = None, frame_rate: float =
                 clip_of(f"{name}{part}", {file: (_rows_of(table, layout, len(layouts)), layout)}, lenient=True)
                 for layout in layouts
             ]
-            clip = merged(parts).with_size(keys.length, keys.width)
-            yield replace(clip, left_out={**clip.left_out, **left_out}, source=keys.source, fixed=keys.fixed)
+            clip = merged(parts)
+            size, counts = (keys.length, keys.width), {**clip.left_out, **left_out}
+            yield replace(clip, left_out=counts, source=keys.source, size=size, fixed=keys.fixed)
             seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
     layout = layouts[0]
     for key, named in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)) * (len(layouts) == 1):

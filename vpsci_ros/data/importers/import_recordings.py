@@ -110,7 +110,7 @@ def with_unique_clip_names(folders: Sequence[Path], results: Sequence[ImportResu
         if twice := [path for path in paths if paths.count(path) > 1]:
             raise InvalidInput(f"{twice[0]}: this folder is given twice; give each folder of recordings once")
         tables = [results[number].table for number in mine]
-        if not _have_clips_in_common(tables):
+        if not pl.concat(table.select(pl.col("clip").unique()) for table in tables)["clip"].is_duplicated().any():
             continue
         _refuse_copies(paths, tables)
         root = Path(os.path.commonpath([path.parent for path in paths]))
@@ -118,11 +118,6 @@ def with_unique_clip_names(folders: Sequence[Path], results: Sequence[ImportResu
             named = pl.lit(f"{path.relative_to(root).as_posix()}/") + pl.col("clip")
             out[number] = replace(results[number], table=results[number].table.with_columns(clip=named))
     return out
-
-
-def _have_clips_in_common(tables: Sequence[pl.DataFrame]) -> bool:
-    names = pl.concat([table.select(pl.col("clip").unique()) for table in tables])
-    return bool(names["clip"].is_duplicated().any())
 
 
 def _refuse_copies(folders: Sequence[Path], tables: Sequence[pl.DataFrame]) -> None:

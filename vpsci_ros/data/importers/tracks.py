@@ -79,11 +79,6 @@ class Clip:
     size: tuple[float, float] | None = None
     fixed: bool = False
 
-    def with_size(self, length: float, width: float) -> "Clip":
-        """Return the clip with this size [m] for vehicles whose tracks have none."""
-        sized = [replace(each, size=each.size or (length, width)) for each in self.vehicles]
-        return replace(self, vehicles=sized, size=(length, width))
-
     def with_headings(self) -> "Clip":
         """Return the clip without vehicles whose heading is NaN; `left_out` counts them."""
         known = [track for track in self.vehicles if not np.isnan(track.values["heading"]).any()]

@@ -335,13 +335,12 @@ def rated(speeds: Mapping[int, float]) -> dict[str, Any]:
             row = {"number": cell.number, "test": cell.test, "speed": cell.speed, "location": cell.location,
                    "impact": speed, "colour": "" if speed is None else colour_of(cell, speed)}  # fmt: skip
             rows.setdefault(cell.spec.cluster or cell.test, []).append(row)
-    tests = {}
+    tests: dict[str, dict[str, Any]] = {}
     for name, listed in rows.items():
         spec = TESTS[listed[0]["test"]]
         score = sum(COLOURS.get(row["colour"], 0.0) for row in listed) * spec.points / len(listed)
         tests[name] = {"title": TITLES[name], "section": spec.section, "points": None if missing else round(score, 2),
-                       "of": spec.points, "drawn": drawn(name), "cells": listed,
-                       "avoided": sum(row["colour"] == "green" for row in listed)}  # fmt: skip
+                       "of": spec.points, "drawn": drawn(name), "cells": listed}  # fmt: skip
     of = sum(test["of"] for test in tests.values())
     points = None if missing else 0.0 if unmet else round(sum(test["points"] for test in tests.values()), 2)
     return {"points": points, "of": of, "passed": not missing and not unmet and points == of, "unmet": unmet,

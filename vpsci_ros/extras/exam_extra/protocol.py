@@ -6,7 +6,7 @@ that would rather drive more slowly is tested at the protocol's speed all the sa
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from typing import Any
 import polars as pl
 import yaml
 
-from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.driver_class import Cockpit
@@ -159,13 +158,11 @@ def conduct_protocol(exam: Exam, folder: Path, *, workers: Site, quiet: bool) ->
         "failure": found[ADS].conduct.failure,
         "hidden": exam.perception is not None and exam.perception.least_visible > 0.0,
         "left_out": list(euro_ncap.LEFT_OUT),
-        "drivers": {name: euro_ncap.rated(_speeds(run.episodes)) for name, run in found.items()},
+        "drivers": {
+            name: euro_ncap.rated({each.key[0]: round(euro_ncap.impact_speed(each), 3) for each in run.episodes})
+            for name, run in found.items()
+        },
     }
-
-
-def _speeds(episodes: Sequence[Episode]) -> dict[int, float]:
-    """Return the scenario's number -> impact speed [km/h]."""
-    return {episode.key[0]: round(euro_ncap.impact_speed(episode), 3) for episode in episodes}
 
 
 def _autopilot(exam: Exam, folder: Path) -> RunResult:
