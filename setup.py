@@ -105,7 +105,7 @@ EXTRAS = {
     "commonroad": ["commonroad-io>=2024.3,<2025"],
     # CARLA's client, whose version is that of the server.
     "carla": ["carla>=0.9.15,<0.10"],
-    # The page in which a person drives, or watches a running graph.
+    # The page in which a person drives.
     "drive": ["tornado>=6.4,<7"],
     # `--cluster`: work on the machines of a Dask cluster. cloudpickle comes with it.
     "cluster": ["cloudpickle>=3,<4", "distributed>=2024.8,<2027"],

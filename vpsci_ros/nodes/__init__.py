@@ -25,7 +25,6 @@ In reading order:
 * `failures`: the reasons for which a run of a graph fails, as sentences, from the nodes' reports
 * `domain`: environment of the middleware: the domain, discovery, security, and the settings of Fast DDS
 * `shared_memory`: shared memory that a killed process of Fast DDS has left behind
-* `live`: subscription to a running graph from outside, as for a page that shows it; a slow subscriber delays no node
 * `self_test`: whether the middleware works here: a node in its own domain publishes a message and waits for it
 * `entry`: the executables of `ros2 run vpsci_ros`, one for each node; they import quickly
 """

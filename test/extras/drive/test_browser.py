@@ -19,7 +19,7 @@ def test_one_drives_by_keys_and_sees_outcome_replay_and_report(browser: Any, tmp
     said: list[str] = []
     failures: list[list[str]] = []
     tab = browser.new_context(viewport={"width": 1100, "height": 800})
-    with closing(Page(tmp_path / "drive", "drive")) as server:
+    with closing(Page(tmp_path / "drive")) as server:
         driving = threading.Thread(target=lambda: failures.append(run_drive(exam, factor, tmp_path / "drive", server)))
         driving.start()
         page = tab.new_page()

@@ -47,7 +47,7 @@ def driven(folder: Path, *answers: Answer, **world: Any) -> tuple[list[str], lis
         for answer in answers:
             asyncio.run(visit(address, answer))
 
-    with closing(Page(folder, "drive")) as page:
+    with closing(Page(folder)) as page:
         person = threading.Thread(target=visits, args=[page.address], daemon=True)
         person.start()
         failures = run_drive(exam, factor, folder, page)

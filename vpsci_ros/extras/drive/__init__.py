@@ -6,6 +6,5 @@ In reading order:
 * `person`: a person as the driving system of an exam: the page shows each tick, the pressed keys drive
 * `server`: the page and its WebSocket, served to this machine alone at an address with a secret
 * `drive_page`: the page of `vpsci drive`: its HTML, the data of a tick that it shows
-* `watch`: a running graph, shown live in the page: the states of `/world/state` at a rate for human viewers
-* `drive_command`: the command `vpsci drive`: a person drives, or watches a running graph, in a browser
+* `drive_command`: the command `vpsci drive`: a person drives in a browser
 """

@@ -1,4 +1,4 @@
-"""The command `vpsci drive`: a person drives, or watches a running graph, in a browser."""
+"""The command `vpsci drive`: a person drives in a browser."""
 
 import contextlib
 import sys
@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from vpsci_ros.cli.options import Params, People, Settings, of_people, read_sections, stoppable, writes_folder
-from vpsci_ros.errors import InvalidInput, require
+from vpsci_ros.errors import require
 
 drive_app = typer.Typer(add_completion=False)
 
@@ -17,14 +17,9 @@ drive_app = typer.Typer(add_completion=False)
 @drive_app.command(rich_help_panel="Examine a driving system", short_help="Drive the car by keys in a browser.")
 @writes_folder
 def drive(
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same drive.")
-    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same drive.")],
     params: Params = Path("drive"),
     episodes: Annotated[int | None, typer.Option(min=1, metavar="N", help="Episodes in each scenario.")] = None,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Do not drive; show the running graph of this ROS_DOMAIN_ID.")
-    ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
     people: People = None,
@@ -42,23 +37,15 @@ def drive(
     if episodes is not None:
         sections = sections.changed("world_simulator", {"episodes": episodes})
     exam, factor = prepare_person(sections)
-    if (output is None) != watch:
-        raise InvalidInput("give either the output folder, -o out/drive, or --watch, which writes no files")
-    failures = []
-    with contextlib.closing(Page(output or Path(), "watch" if watch else "drive", port)) as page:
+    with contextlib.closing(Page(output, port)) as page:
         print(f"open {page.address}", flush=True)
         if browser and not webbrowser.open(page.address):
             print("no browser could be opened here; load that address in one on this machine", flush=True)
-        if output is None:
-            from vpsci_ros.extras.drive.watch import watch_graph
-
-            watch_graph(page, exam.scenarios)
-        else:
-            with stoppable(output):
-                failures = run_drive(exam, factor, output, page)
-            print("the page shows the results; close it, or press Ctrl-C, to end", flush=True)
-            with contextlib.suppress(KeyboardInterrupt):
-                page.wait_until_left(RELOADED)
+        with stoppable(output):
+            failures = run_drive(exam, factor, output, page)
+        print("the page shows the results; close it, or press Ctrl-C, to end", flush=True)
+        with contextlib.suppress(KeyboardInterrupt):
+            page.wait_until_left(RELOADED)
     for reason in failures:
         print(f"not all episodes were driven: {reason}", file=sys.stderr)
     if failures:

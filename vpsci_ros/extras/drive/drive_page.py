@@ -36,20 +36,19 @@ class Page:
     """The page of one server, and the input of the person who uses it.
 
     :param folder: see `Server`, as `port` is.
-    :param mode: "drive" or "watch".
     :ivar pressed: at present.
     :ivar finished: the person wants no further episode.
     """
 
-    def __init__(self, folder: Path, mode: str, port: int = 0) -> None:
+    def __init__(self, folder: Path, port: int = 0) -> None:
         self.pressed, self.finished = Pressed(), False
         self._ready, self._gone, self._changed = False, "", threading.Condition()
-        title = {"drive": "Drive", "watch": "A running graph"}[mode]
         script = inlined(*SCENE) + (TEMPLATES / "drive.js").read_text(encoding="utf-8")
-        text = html.page(TEMPLATES / "drive.html", connect=True, title=title, style=inlined("view.css"), script=script)
+        text = html.page(
+            TEMPLATES / "drive.html", connect=True, title="Drive", style=inlined("view.css"), script=script
+        )
         self._server = Server(text, folder, self._hear, port)
         self.address, self.send = self._server.address, self._server.send
-        self.send("hello", mode=mode)
 
     def close(self) -> None:
         """Stop the server; this also ends a wait for the person."""
@@ -63,15 +62,12 @@ class Page:
         size = [VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS]
         self.send("episode", name=name, which=which, scenario=scenario.name, ground=ground(scenario), size=size)
 
-    def show(
-        self, time: float, vehicle: PlanarMotion, people: Sequence[PlanarMotion], curvttc: float | None = None
-    ) -> None:
-        """Show a tick: time since the spawn [s], all positions, and CurvTTC [s] if it is given."""
+    def show(self, time: float, vehicle: PlanarMotion, people: Sequence[PlanarMotion]) -> None:
+        """Show a tick: time since the spawn [s], and all positions."""
         seen = {"time": time, "x": vehicle.x, "y": vehicle.y, "heading": vehicle.yaw, "speed": vehicle.speed}
         seen["curvature"] = vehicle.yaw_rate / vehicle.speed if vehicle.speed > 0.0 else 0.0
         walk = [(each.x, each.y, each.speed * math.cos(each.yaw), each.speed * math.sin(each.yaw)) for each in people]
-        known = {} if curvttc is None else {"curvttc": curvttc}
-        self.send("frame", people=walk, **seen, **known)
+        self.send("frame", people=walk, **seen)
 
     def wait_until_ready(self) -> None:
         """Wait until the person begins the episode.

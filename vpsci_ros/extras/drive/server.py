@@ -27,7 +27,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 LOOPBACK = "127.0.0.1"
 FILES = r"((?:report|view|replays/[\w-]+)\.html)"  # of the exam's folder, that the page links to
 LARGEST_MESSAGE = 4096  # [bytes] from the page
-_KEPT = ("hello", "episode", "frame", "result", "end")  # types of message whose latest a page gets when it comes
+_KEPT = ("episode", "frame", "result", "end")  # types of message whose latest a page gets when it comes
 _HEADERS = {"Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "X-Frame-Options": "DENY",
             "Cross-Origin-Resource-Policy": "same-origin", "Cache-Control": "no-store"}  # fmt: skip
 
@@ -104,7 +104,7 @@ class Server:
 
     def _send(self, kind: str, text: str) -> None:
         if kind == "episode":
-            self._latest = {name: self._latest[name] for name in ("hello",) if name in self._latest}
+            self._latest = {}
         if kind in _KEPT:
             self._latest[kind] = text
         if self._socket is not None:

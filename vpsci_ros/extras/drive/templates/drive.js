@@ -1,4 +1,4 @@
-// The page in which one drives, or watches a running graph: what comes over the socket is drawn, what is pressed is sent.
+// The page in which one drives: what comes over the socket is drawn, what is pressed is sent.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
@@ -8,7 +8,7 @@ const OUTCOMES = { collision: "You touched the pedestrian.", goal: "Both are whe
   timeout: "The time is over.", parked_collision: "You ran into a parked car." };
 const scene = new Scene($("scene")), pressed = new Set();
 scene.options = { predict: false, trails: false };
-let mode = "drive", last = null, waiting = false;
+let last = null, waiting = false;
 
 const socket = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}${location.pathname}socket`);
 const send = (message) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(message));
@@ -44,14 +44,12 @@ function sendPressed() {
 function show(frame) {
   const [x, y, vx, vy] = frame.people[0] ?? [NaN, NaN, 0, 0];
   const people = frame.people.slice(1).map(([px, py, pvx, pvy]) => ({ x: px, y: py, vx: pvx, vy: pvy }));
-  const curvttc = frame.curvttc ?? Infinity;
   const { view } = scene;  // which follows the car to wherever it drives
   if (Math.abs(frame.x - view.x) > view.wide / 2 || Math.abs(frame.y - view.y) > view.tall / 2)
     scene.view = { ...view, x: frame.x, y: frame.y };
-  last = { ...frame, ped_x: x, ped_y: y, ped_vx: vx, ped_vy: vy, people, curvttc };
+  last = { ...frame, ped_x: x, ped_y: y, ped_vx: vx, ped_vy: vy, people, curvttc: Infinity };
   scene.drawAt(last);
-  const near = "curvttc" in frame ? ` · CurvTTC ${Number.isFinite(curvttc) ? `${curvttc.toFixed(2)} s` : "none"}` : "";
-  $("readout").textContent = `${frame.time.toFixed(2)} s · ${(frame.speed * 3.6).toFixed(0)} km/h${near}`;
+  $("readout").textContent = `${frame.time.toFixed(2)} s · ${(frame.speed * 3.6).toFixed(0)} km/h`;
   document.body.dataset.time = frame.time;
 }
 
@@ -64,20 +62,13 @@ function lookAt(ground) {
 }
 
 const HEAR = {
-  hello(message) {
-    mode = message.mode;
-    scene.options.predict = mode === "watch";
-    $("keys").hidden = $("finish").hidden = mode === "watch";
-    if (mode === "watch") card("No graph yet", "Waiting for /world/state in this ROS domain.");
-  },
   episode(message) {
     scene.episode = { middle: [0, 0], size: message.size };
     scene.ground = message.ground;
     lookAt(message.ground);
     $("which").textContent = `${message.which} · ${message.scenario}`;
     last = null;
-    if (mode === "watch") $("card").hidden = true;
-    else if (!waiting) card(message.which, "Turn right along the broken line. Somebody may cross.", [], "drive (Enter)");
+    if (!waiting) card(message.which, "Turn right along the broken line. Somebody may cross.", [], "drive (Enter)");
   },
   frame: show,
   result(message) {
@@ -99,7 +90,7 @@ const HEAR = {
 
 function press(event, down) {
   const name = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!name || mode !== "drive" || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (!name || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
   if (down === pressed.has(name)) return;
   pressed[down ? "add" : "delete"](name);
@@ -117,7 +108,7 @@ socket.addEventListener("close", (event) => {
 });
 document.addEventListener("keydown", (event) => {
   if (event.key === "Enter" && event.target === document.body) go();
-  else if (event.key === "r" && mode === "drive" && $("card").hidden) send({ again: true });
+  else if (event.key === "r" && $("card").hidden) send({ again: true });
   else press(event, true);
 });
 document.addEventListener("keyup", (event) => press(event, false));
