@@ -84,9 +84,8 @@ def page() -> str:
         ends = " | ".join(", ".join(f"`{n}`" for n in names) for names in (row.publishers, row.subscribers))
         parts.append(f"| `{row.name}`{latched} | {package}/{row.type.__name__} | {ends} |")
     parts += ["\n## Services\n", "| service | type | what it does |", "|---|---|---|"]
-    for service in SERVICES.values():
-        package = service.type.__module__.split(".")[0]
-        parts.append(f"| `{service.name}` | {package}/{service.type.__name__} | {service.description} |")
+    for name, (kind, description) in SERVICES.items():
+        parts.append(f"| `{name}` | {kind.__module__.split('.')[0]}/{kind.__name__} | {description} |")
     parts.append(NOTES)
     return _text(parts)
 

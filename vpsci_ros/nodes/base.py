@@ -121,7 +121,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of `SERVICES`, which `callback` answers."""
-        self.create_service(SERVICES[name].type, name.removeprefix("/"), callback)
+        self.create_service(SERVICES[name][0], name.removeprefix("/"), callback)
 
     def ready(self, topic: str, answer: str, by: str = "") -> None:
         """Log that the node is ready to answer messages on `topic` with messages on `answer`.

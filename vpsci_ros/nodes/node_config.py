@@ -55,14 +55,9 @@ class ReplayerConfig:
 
     bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder (MCAP), or one of its files")
     rate: float = parameter(
-        1.0,
-        "ratio of recorded time to wall time; 0: as fast as subscribers read",
-        low=0.0,
-        high=1000.0,
-        read_only=False,
+        1.0, "ratio of recorded time to wall time; 0: as fast as subscribers read", low=0.0, high=1000.0
     )
     first_episode: str = parameter("", "episode to begin with, NUMBER or SCENARIO:NUMBER; empty: the bag's first")
-    paused: bool = parameter(False, "begin paused; /replayer/pause resumes, /replayer/step steps")
 
 
 SECTIONS: dict[str, tuple[type, ...]] = {

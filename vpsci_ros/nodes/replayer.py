@@ -9,7 +9,6 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import SetBool, Trigger
 
 from vpsci_ros.bags.episodes import bag_episodes, choose
 from vpsci_ros.bags.reader import Bag
@@ -23,7 +22,7 @@ from vpsci_ros.wire.decoder import RawMessage
 
 CLOCK = "/clock"
 PERIOD = 0.001  # [s] between looks at what is due
-SLICE = 0.02  # [s] of publishing at a stretch, so that services are answered
+SLICE = 0.02  # [s] of publishing at a stretch, so that a stop is heard
 FLUSH = Duration(seconds=4.0)  # for readers to acknowledge the last messages: one heartbeat of the middleware
 SETTLED = 1.0  # [s] without a new reader: those that run already have been found
 MOST_LATCHED = 1000  # messages of a topic that are kept for late subscribers, whatever its recorded profile says
@@ -32,7 +31,7 @@ REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=Reliabi
 
 
 class Replayer(GraphNode):
-    """Publishes a bag's topics and `/clock`; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) control it.
+    """Publishes a bag's topics and `/clock`.
 
     It begins when all readers among `peers`, and at least one reader, are there and none has come for `SETTLED` s.
     With `first_episode` it first publishes what latched topics such as `/tf_static` held at its beginning. Messages are
@@ -44,7 +43,7 @@ class Replayer(GraphNode):
     def __init__(self, **given: Any) -> None:
         super().__init__("replayer", **given)
         config = self.config(ReplayerConfig)
-        self._rate, self._paused = config.rate, config.paused
+        self._rate = config.rate
         bag = Bag(config.bag)
         chosen = [topic for topic in bag.topics().values() if topic.messages]
         if not chosen:
@@ -67,11 +66,9 @@ class Replayer(GraphNode):
             raise InvalidInput(f"{config.bag}: the bag holds no message from episode {first} on")
         self._sent = 0
         self._at, self._shown = self._next.time, -1
-        self._anchor = (time.monotonic(), self._at)
+        self._anchor = (0.0, self._at)  # [s] of wall time, and the log time [ns] then
         self._readers, self._readers_since = -1, time.monotonic()
         self._begun = False
-        self.serve("/replayer/pause", self._on_pause)
-        self.serve("/replayer/step", self._on_step)
         self.wall_timer(PERIOD, self._on_timer)
 
     def _publisher(self, topic: TopicInfo) -> Publisher | None:
@@ -102,12 +99,11 @@ class Replayer(GraphNode):
     def _on_timer(self) -> None:
         if not self._begun:
             self._begin_when_readers_are_found()
-        elif not self._paused:
-            until = time.monotonic() + SLICE
-            while self._next is not None and (now := time.monotonic()) < until and self._due(now):
-                self._publish()
-            if self._next is None:
-                self.finished = True
+            return
+        until = time.monotonic() + SLICE
+        while self._next is not None and (now := time.monotonic()) < until and self._due(self._next, now):
+            self._publish(self._next)
+        self.finished = self._next is None
 
     def _begin_when_readers_are_found(self) -> None:
         now, readers = time.monotonic(), sum(p.get_subscription_count() for p in self._outlets.values())
@@ -118,7 +114,7 @@ class Replayer(GraphNode):
                 raise VpsciError(f"replayer: waited {PEER_TIMEOUT:g} s for {absent}; or leave it out of 'peers'")
         elif readers and now - self._readers_since > SETTLED:
             self._begun = True
-            self._restart_pace()
+            self._anchor = (now, self._at)
             return
         what = absent or "a reader of any of its topics"
         if now - self._readers_since > SETTLED:
@@ -132,22 +128,11 @@ class Replayer(GraphNode):
                 return f"{' and '.join(expected)} to subscribe to {topic}"
         return ""
 
-    def _restart_pace(self) -> None:
-        self._anchor = (time.monotonic(), self._at if self._next is None else self._next.time)
-
-    def _due(self, now: float) -> bool:
+    def _due(self, message: RawMessage, now: float) -> bool:
         begun, at = self._anchor
-        assert self._next is not None
-        return self._rate == 0.0 or (self._next.time - at) * 1e-9 <= (now - begun) * self._rate
+        return self._rate == 0.0 or (message.time - at) * 1e-9 <= (now - begun) * self._rate
 
-    def parameters_changed(self) -> None:
-        """Apply the rate that was set on the running node."""
-        self._rate = self.config(ReplayerConfig).rate
-        self._restart_pace()
-
-    def _publish(self) -> None:
-        message = self._next
-        assert message is not None
+    def _publish(self, message: RawMessage) -> None:
         if message.time > self._shown:
             self._at = self._shown = self.simulated_at = message.time
             if self._makes_clock:
@@ -156,29 +141,10 @@ class Replayer(GraphNode):
         self._sent += 1
         self._next = next(self._messages, None)
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._paused = request.data
-        self._restart_pace()
-        now = "paused" if self._paused else "playing"
-        response.success, response.message = True, f"{now} at {self._at * 1e-9:.3f} s"
-        return response
-
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self._paused or self._next is None:
-            response.message = "the bag is over" if self._next is None else "not paused; call pause first"
-            return response
-        until, before = self._next.time, self._sent
-        while self._next is not None and self._next.time <= until:
-            self._publish()
-        self.finished = self._next is None
-        response.success = True
-        response.message = f"published {self._sent - before} messages at {self._at * 1e-9:.3f} s"
-        return response
-
     @property
     def state(self) -> str:
-        """The replayer's state: "waiting for readers", "paused" or "playing"."""
-        return "waiting for readers" if not self._begun else "paused" if self._paused else "playing"
+        """The replayer's state: "waiting for readers" or "playing"."""
+        return "playing" if self._begun else "waiting for readers"
 
     def figures(self) -> dict[str, Any]:
         """Return how many messages were published, and the log time [s] of the last one."""

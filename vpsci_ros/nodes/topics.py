@@ -105,30 +105,11 @@ TOPICS = {
 }
 
 
-@dataclass(frozen=True)
-class Service:
-    """A service of the graph or of the replayer; `server` is the node that offers it."""
-
-    name: str
-    type: Any
-    server: str
-    description: str
-
-
-SERVICES = {
-    service.name: service
-    for service in (
-        Service("/world/pause", SetBool, "world_simulator", "data true: pauses at the present tick; false: resumes"),
-        Service(
-            "/world/step",
-            Trigger,
-            "world_simulator",
-            "while paused, goes on to the next tick as soon as the present tick has its answers",
-        ),
-        Service("/replayer/pause", SetBool, "replayer", "data true: pauses at the present time; false: resumes"),
-        Service("/replayer/step", Trigger, "replayer", "while paused, publishes all messages with the next log time"),
-    )
+SERVICES: dict[str, tuple[Any, str]] = {
+    "/world/pause": (SetBool, "data true: pauses at the present tick; false: resumes"),
+    "/world/step": (Trigger, "while paused, goes on to the next tick as soon as the present tick has its answers"),
 }
+"""The services of the graph: the type and what it does, by name."""
 
 
 def listeners(topic: str, peers: list[str]) -> list[str]:
