@@ -3,11 +3,10 @@ import pytest
 
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
 from vpsci_ros.learning.transitions import TransitionBuilder, usable
-from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
+from vpsci_ros.world import COLLISION, ENDED, GOAL, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import STEP
-from vpsci_ros.world.state import NO_EVENTS
-from vpsci_ros.world.tick import Actions, Step, Tick
+from vpsci_ros.world.tick import Actions
 from vpsci_ros.world.transition import TRANSITION
 
 PAPER, SCENARIOS = WorldConfig(spawn="paper", release_time=0.0), load_scenarios([1, 2, 5, 7])
@@ -31,19 +30,6 @@ def test_histories_in_process_are_those_that_the_transitions_make(run):
     again = HistoryAssembler().add(rows)
     assert len(again) == len(histories) > 5
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(histories, again, strict=True))
-
-
-def one_slot(frame):
-    state = np.zeros(1, EPISODE)
-    state["status"], state["frame"], state["scenario"], state["episode"] = RUNNING, frame, 1, 9
-    state["vehicle_speed"] = 4.0
-    return state
-
-
-def acting(frame, actions):
-    yes = np.ones(1, bool)
-    tick = Tick(number=frame, state=one_slot(frame), policy_frame=yes)
-    return Step(tick, tick.assessed(np.ones(1), np.ones(1), yes), actions, NO_EVENTS)
 
 
 def test_a_history_is_an_episode_from_its_first_hand_over_to_its_end_with_every_policy_frame(run):
