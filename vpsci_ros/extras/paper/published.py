@@ -29,7 +29,7 @@ class PublishedModel(NamedTuple):
     fde: float
 
 
-TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning -> row
+TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning -> row, of the models in the package
     "ma_sst_ddpg_refined": PublishedModel("Refined MA-SST-DDPG", 0.072, 0.142),
     "ma_transformer_ddpg_refined": PublishedModel("Refined MA-Transformer-DDPG", 0.094, 0.194),
     "ma_ddpg_refined": PublishedModel("Refined MA-DDPG", 0.157, 0.305),
@@ -40,12 +40,6 @@ TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning 
     "ddpg_refined": PublishedModel("Refined DDPG", 0.623, 1.273),
     "transformer_ddpg": PublishedModel("Transformer-DDPG", 0.271, 0.542),
     "ddpg": PublishedModel("DDPG", 0.679, 1.357),
-    "densetnt_refined": PublishedModel("Refined DenseTNT", 0.404, 0.805),
-    "multipath_refined": PublishedModel("Refined MultiPath++", 0.424, 0.871),
-    "social_lstm_refined": PublishedModel("Refined Social-LSTM", 0.651, 1.330),
-    "densetnt": PublishedModel("DenseTNT", 0.422, 0.852),
-    "multipath": PublishedModel("MultiPath++", 0.453, 0.923),
-    "social_lstm": PublishedModel("Social-LSTM", 0.654, 1.353),
     "transformer_refined": PublishedModel("Refined Transformer", 1.203, 2.205),
     "lstm_refined": PublishedModel("Refined LSTM", 1.771, 2.551),
     "feedforward_refined": PublishedModel("Refined NN", 2.586, 3.989),

@@ -22,11 +22,11 @@ from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVe
 from vpsci_ros.evaluation.protocols import reconstruct
 from vpsci_ros.extras.paper.published import TABLE_3
 from vpsci_ros.extras.paper.studies.networks import Report
-from vpsci_ros.extras.paper.studies.state import StudyReport, is_made, once, side_by_side, trained
+from vpsci_ros.extras.paper.studies.state import StudyReport, is_made, once, side_by_side
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning.training_config import PretrainConfig
 from vpsci_ros.policy.policy_config import NetworkConfig
-from vpsci_ros.policy.weights import resolved
+from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.workers import HERE, Site
 from vpsci_ros.world.observation import AGENTS
@@ -110,8 +110,9 @@ class _Sizes:
 
     def _made(self, folder: Path, size: int, report: Report) -> dict[str, Any]:
         subset = self.near_misses.filter(pl.col("interaction").is_in(self.order[:size].tolist()))
-        train = partial(stage_1.pretrain, subset, self.config, self.network, seed=self.seed, out_dir=folder)
-        weights = trained(folder, stage_1.WEIGHTS, stage_1.CHECKPOINT, partial(train, report=report))
+        if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
+            stage_1.pretrain(subset, self.config, self.network, seed=self.seed, out_dir=folder, report=report)
+        weights = load_weights(folder / stage_1.WEIGHTS)
         log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * self.config.episodes)))
         names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
         values: dict[str, Any] = {name: log[name].mean() for name in names}

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vpsci_ros.documents import read_json, require_form
-from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.workers import Place, Site, Work, computed
@@ -77,13 +76,3 @@ def once(folder: Path, identity: dict[str, Any], make: Callable[[], dict[str, An
     row = make()
     write_json(path, {"of": identity, "row": row})
     return row
-
-
-def trained(folder: Path, weights: str, checkpoint: str, train: Callable[[], object]) -> Weights:
-    """Return the weights of a training in `folder`, which `train` runs or resumes unless it is finished.
-
-    :param weights, checkpoint: names of its files; with a checkpoint it was stopped.
-    """
-    if not (folder / weights).exists() or (folder / checkpoint).exists():
-        train()
-    return load_weights(folder / weights)
