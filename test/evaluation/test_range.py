@@ -16,7 +16,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.simulators import beyond_range, known_late
 from vpsci_ros.extras.drive.drive_command import drive
-from vpsci_ros.extras.paper.realism.measure_realism import run_realism
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.run_config import Sections
@@ -83,14 +82,6 @@ def test_a_named_source_is_that_of_both_agents_of_a_graph_and_of_the_pedestrian_
         graph(params=STAGE_3, output=tmp_path / "graph", people="vci")
     with pytest.raises(Seen, match="^{'pedestrian_policy': 'vci'}$"):
         drive(output=tmp_path / "drive", params=Path("drive"), people="vci")
-
-
-def test_realism_refuses_it_too(tmp_path: Path) -> None:
-    options = {"library": None, "onsets": None, "weights": None, "dataset": None, "json_path": None, "output": None}
-    with pytest.raises(InvalidInput, match="got 'nobody'"):
-        run_realism(
-            data=Path("right_turns/dev"), people="nobody", held_out=False, clean=False, seed=0, quiet=True, **options
-        )
 
 
 def test_onsets_have_the_vehicles_of_the_table_whatever_its_source_is_called() -> None:

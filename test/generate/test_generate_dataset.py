@@ -219,12 +219,6 @@ def test_an_error_in_a_worker_is_raised_here(job) -> None:
     assert not multiprocessing.active_children()
 
 
-def test_a_finished_dataset_is_not_computed_again(make, made, tmp_path) -> None:
-    before = hashes(made)
-    assert make(made).computed == 0
-    assert hashes(made) == before
-
-
 def test_another_configuration_is_refused_naming_what_differs(job, make, made, tmp_path) -> None:
     other = dataclasses.replace(job, seed=4)
     with pytest.raises(InvalidInput, match="holds a dataset with seed = 3, and this one has 4"):

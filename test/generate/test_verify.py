@@ -134,12 +134,6 @@ def test_an_edited_cell_of_the_index_is_found(copy) -> None:
     assert finding.what.startswith("row 2 (count 2): frames is 7")
 
 
-def test_a_file_that_is_gone_is_named(copy) -> None:
-    (copy / f"{NAME}.parquet").unlink()
-    (finding,) = verify(copy, serial, sample=1).findings
-    assert (finding.file, finding.what) == (f"{NAME}.parquet", "no such file")
-
-
 def test_other_weights_are_refused(copy) -> None:
     (path,) = copy.glob("weights-*.safetensors")
     data = bytearray(path.read_bytes())

@@ -1,6 +1,5 @@
 """The picture shows every scenario once, with the speeds as colours and the outcome in the title."""
 
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -37,16 +36,6 @@ def test_each_scenario_with_a_kept_episode_has_one_typical_episode(dataset: Path
     assert other.startswith("② LocationA_PedCross_N-S\nPedestrian-yield")
     assert first.speed.min() < 0.2 < 4.9 < first.speed.max()
     assert 1.5 < first.curvttc[0].argmin() * first.period < 3.0
-
-
-def test_the_picture_is_a_png_of_eight_episodes(tmp_path: Path) -> None:
-    save_trajectories([("title", episode(k)) for k in range(1, 9)], tmp_path / "figure.png")
-    data = (tmp_path / "figure.png").read_bytes()
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    width, height = struct.unpack(">II", data[16:24])
-    assert width > 1500
-    assert height > 800
-    assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
 
 
 def test_colour_is_speed_from_white_at_rest_to_dark_at_eight() -> None:
