@@ -1,6 +1,5 @@
 """The authors' files, written here by the layout that they publish, read as what they are made from."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,10 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7, agent_ids
-from vpsci_ros.data.importers import import_trajectories
+from vpsci_ros.data.importers.layout_file import read_layout_file
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.published_tables import canonical, convert
 from vpsci_ros.view.episode_sources import open_source, read_episodes
-
-RATE, METRES = 30.0, 0.05  # of examples/layouts/hdi.yaml
-
 
 BAGS = [Path(__file__).parents[3] / "bags" / name for name in ("LocationA_PedCross_S-N", "LocationB_PedCross_N-S")]
 
@@ -118,35 +114,10 @@ def test_view_and_import_take_what_the_files_become(published, tmp_path):
     assert own["curvttc"].min() == pytest.approx(episode.least_curvttc, abs=0.3)  # at every second frame
 
 
-def write_hdi(folder):
-    """Write a car at 6 m/s to the right that a pedestrian at 1.5 m/s crosses, and an e-bike, in pixels, y down."""
-    frame = np.arange(100)
-    time = frame / RATE
-    parts = []
-    for number, (kind, x, y, speed) in enumerate(
-        [
-            ("car", 6.0 * time, 0.0 * time, 6.0),
-            ("Pedestrian", 18.0 + 0.0 * time, 4.5 - 1.5 * time, 1.5),
-            ("e-bike", 3.0 * time, 30.0 + 0.0 * time, 3.0),
-        ]
-    ):
-        px, py = x / METRES + 500.0, -y / METRES + 400.0
-        box = {"Xmin": px - 20.0, "Ymin": py - 10.0, "Xmax": px + 20.0, "Ymax": py + 10.0}
-        parts.append(
-            pl.DataFrame(
-                {"Frame Num": frame, "ID": number, "Type": kind, **box}
-                | {"Speed (km/h)": 3.6 * speed, "Direction": "RIGHT", "Acceleration (m/s²)": 0.0}
-            )
-        )
-    pl.concat(parts).write_csv(folder / "A. Zhandong Road.csv")
-    return folder
-
-
-def test_hdi_becomes_near_misses_in_metres_with_y_up_by_its_layout(tmp_path):
-    shutil.copy(Path(__file__).parents[3] / "examples/layouts/hdi.yaml", write_hdi(tmp_path) / "layout.yaml")
-    found = import_trajectories(tmp_path, "described")
-    (summary,) = found.summaries
-    assert (summary.near_misses, dict(summary.left_out)) == (1, {"road users of class e-bike": 1})
-    assert found.table["veh_speed"].to_numpy() == pytest.approx(6.0, abs=1e-6)
-    assert found.table["ped_vy"].to_numpy() == pytest.approx(-1.5, abs=1e-6)  # down in the picture, as it walks
-    assert found.table["ped_x"].to_numpy() - found.table["veh_x"].to_numpy()[0] == pytest.approx(18.0, abs=1e-6)
+def test_the_layout_of_hdi_reads_boxes_in_pixels_and_speeds_in_km_h():
+    """What these keys do: test_described_layouts.py."""
+    keys = read_layout_file(Path(__file__).parents[3] / "examples/layouts/hdi.yaml")
+    (layout,) = keys.layouts
+    assert keys.source == "hdi"
+    assert {"x_min", "y_min", "x_max", "y_max", "speed"} < set(layout.columns)
+    assert (layout.metres, layout.frame_rate, layout.y_down, layout.speed) == (0.05, 30.0, True, pytest.approx(1 / 3.6))
