@@ -43,7 +43,10 @@ def test_a_bag_of_chosen_episodes_holds_the_rows_of_the_dataset(made, tmp_path: 
         assert first_difference(expected, found, 0.0) is None
 
 
-def test_a_scenario_that_the_dataset_lacks_is_refused(made, tmp_path: Path) -> None:
+def test_a_scenario_or_an_episode_that_the_dataset_lacks_is_refused(made, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no scenario 2; it has 1, 6"):
         record_episodes(made, [(2, 0)], tmp_path / "bag")
+    behind = int(Dataset(made).index().filter(pl.col("scenario") == 6)["count"].max()) + 1
+    with pytest.raises(InvalidInput, match=f"no episode 6:{behind}; episodes.parquet lists those that it has"):
+        record_episodes(made, [(6, behind)], tmp_path / "bag")
     assert not (tmp_path / "bag").exists()

@@ -21,7 +21,7 @@ from dask_cluster import LocalCluster, local_cluster, until
 pytest.importorskip("distributed")
 import cloudpickle
 
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.runs.cluster import DaskCluster
 from vpsci_ros.runs.workers import Place, Work, Workers, computed
 
@@ -91,6 +91,12 @@ import test_cluster
 cluster = SimpleNamespace(file=Path({str(cluster.file)!r}))
 workers = test_cluster.started(cluster, Path({str(signs)!r}), {seconds}{options})
 """
+
+
+@pytest.mark.parametrize("address", ["nothere.json", "tcp://10.0.0.1"])
+def test_what_is_neither_a_file_nor_an_address_with_a_port_is_refused_in_words(tmp_path: Path, address: str) -> None:
+    with pytest.raises(InvalidInput, match=f"--cluster {address}: no such scheduler file, and no address with a port"):
+        DaskCluster(address).start(Work(partial(squares, tmp_path, 0.0), tmp_path))
 
 
 def test_results_and_files_come_back_and_nothing_is_left_there(two: LocalCluster, signs: Path) -> None:

@@ -15,13 +15,17 @@ def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) ->
     """Simulate episodes of a dataset again, write them to a bag, and return the number of its ticks.
 
     :param episodes: (scenario number, episode number), kept or not.
-    :raises InvalidInput: no dataset of `generate`, an unknown scenario, or `bag` is not empty.
+    :raises InvalidInput: no dataset of `generate`, an episode that it lacks, or `bag` is not empty.
     """
-    job = job_of(Dataset(folder))
+    data = Dataset(folder)
+    job = job_of(data)
     known = [scenario.number for scenario in job.scenarios]
-    for scenario, _ in episodes:
+    there = set(data.index().select("scenario", "count").iter_rows())
+    for scenario, number in episodes:
         if scenario not in known:
             raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
+        if (scenario, number) not in there:
+            raise InvalidInput(f"{folder}: no episode {scenario}:{number}; episodes.parquet lists those that it has")
     run = {"seed": job.seed, "scenarios": sorted({scenario for scenario, _ in episodes}), "batch": 1}
     nodes = [node_record("world_simulator", values_of(job.world) | run | {"queue": [list(each) for each in episodes]})]
     nodes.append(node_record("safety_monitor", {}))

@@ -10,6 +10,7 @@ import itertools
 import logging
 import pickle
 import queue
+import re
 import sys
 import time
 import uuid
@@ -20,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic
 
-from vpsci_ros.errors import VpsciError, require
+from vpsci_ros.errors import InvalidInput, VpsciError, require
 from vpsci_ros.runs.cluster_worker import Order, compute, dismiss, enlist, facts
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.workers import Result, Unit, Work, Workers
@@ -75,6 +76,10 @@ def _connected(address: str) -> "Client":
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it reports is said here, in words
     given = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    if "address" in given and not re.search(r":\d+/?$", address):
+        raise InvalidInput(
+            f"--cluster {address}: no such scheduler file, and no address with a port; expected tcp://host:8786"
+        )
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Mismatched versions")  # asked for by name
