@@ -108,7 +108,6 @@ def models(
     count: Annotated[
         int, typer.Option("--folds", min=2, metavar="N", help="Number of folds of the clips, each held out once.")
     ] = 5,
-    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Trainings of each model in each fold.")] = 1,
     refine: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Hybrid learning: stage 2 of the models by reinforcement.")
     ] = None,
@@ -146,7 +145,6 @@ def models(
             output,
             given_names(chosen or "", "--models"),
             folds=count,
-            seeds=seeds,
             refine=None if refine is None else read_sections(refine, None, near_misses),
             simulated=simulated,
             fresh_episodes=fresh_episodes,

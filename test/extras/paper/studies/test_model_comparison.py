@@ -10,7 +10,6 @@ from vpsci_ros.extras.paper.studies.table_9_page import table_9_page
 from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig, ReplayConfig
 from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.simulation_config import SimulationConfig
-from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios
 
 SMALL = NetworkConfig(hidden=16, heads=2)
@@ -42,9 +41,7 @@ def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what
     simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(6)], 6, 2, world)
     seen = Hybrid(learner, simulation, synthetic_near_misses(interactions=6, seed=4).table, [(1, 0), (1, 1)], 7)
     table = synthetic_near_misses(interactions=60, seed=3).table
-    result = compare_models(
-        table, CONFIG, SMALL, models=SIMULATED, folds=2, seed=1, seeds=2, out_dir=tmp_path, hybrid=seen
-    )
+    result = compare_models(table, CONFIG, SMALL, models=SIMULATED, folds=2, seed=1, out_dir=tmp_path, hybrid=seen)
     rows = result["models"]
     assert list(rows) == [*SIMULATED, *(f"{name}_refined" for name in SIMULATED), *CONTROLS]
     for name in (*SIMULATED, *(f"{name}_refined" for name in SIMULATED)):
@@ -54,13 +51,9 @@ def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what
         value, (low, high) = rows[name]["closed_loop"]["share_of_ma_sst_ddpg"]
         assert low <= value <= high
         assert value == pytest.approx(rows[name]["closed_loop"]["ade"] / rows["ma_sst_ddpg"]["closed_loop"]["ade"])
-    control = rows["constant_velocity"]["world"]  # of the two episodes once, a model's of 2 folds and 2 seeds each
-    assert {len(rows[name]["world"]["collision_by_training"]) for name in SIMULATED} == {4}
-    assert all(rows[name]["world"]["critical_episodes"] == 4 * control["critical_episodes"] for name in SIMULATED)
-    first, second = (
-        load_weights(tmp_path / "fold_1" / name / "weights.safetensors") for name in ("transformer", "transformer_1")
-    )
-    assert first.digest() != second.digest()
+    control = rows["constant_velocity"]["world"]  # of the two episodes once, a model's of 2 folds each
+    assert {len(rows[name]["world"]["collision_by_training"]) for name in SIMULATED} == {2}
+    assert all(rows[name]["world"]["critical_episodes"] == 2 * control["critical_episodes"] for name in SIMULATED)
     cells = [
         [cell.strip() for cell in line.split("|")[1:-1]]
         for line in table_9_page(result).splitlines()

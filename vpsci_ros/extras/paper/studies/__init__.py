@@ -5,7 +5,7 @@ In reading order:
 * `run_studies`: studies of learning as commands: Tables 3 and 9 beside the paper's values
 * `learning`: Table 3 of the paper: how much real data stage 1 needs
 * `model_comparison`: Table 9 on given near misses: all of the table's models, with and without hybrid learning
-* `model_table`: each row of Table 9 on held-out clips, pooled over folds and seeds
+* `model_table`: each row of Table 9 on held-out clips, pooled over folds
 * `folds`: folds by clip: every clip is held out in one fold, and errors of all folds are pooled
 * `networks`: the training of each network of `policy.models` for `vpsci study models`
 * `state`: the stored results of a study, so that a resumed study computes only missing ones

@@ -42,25 +42,24 @@ def compare_models(
     folds: int,
     seed: int,
     out_dir: str | Path,
-    seeds: int = 1,
     hybrid: Hybrid | None = None,
     site: Site = HERE,
     report: StudyReport = lambda *_: None,
 ) -> dict[str, Any]:
-    """Train each model `seeds` times in each fold, measure on its held-out clips; write and return `models.json`.
+    """Train each model in each fold, measure on its held-out clips; write and return `models.json`.
 
-    The layout is that of `errors.evaluate`; errors of several seeds are means by interaction. Each model also has
-    `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
-    one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
-    classifier; of the first seed), with `hybrid` `world` (`shares_of_ends`; of the control `constant_velocity`, too),
-    and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
-    with 95% intervals. A training that is stopped begins again; finished ones are kept. One by
-    reinforcement in simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
+    The layout is that of `errors.evaluate`. Each model also has `parameters` (of both actors), `training_seconds` (of
+    CPU, one training), `step_microseconds` (of CPU, both actors, one interaction among those of a fold), `people` (a
+    part of `SameStart.measure`: energy score, minADE6, likelihood, classifier), with `hybrid` `world`
+    (`shares_of_ends`; of the control `constant_velocity`, too), and, where `ma_sst_ddpg` is among the models, its ADE
+    by protocol and its energy score as shares of that model's, with 95% intervals. A training that is stopped begins
+    again; finished ones are kept. One by reinforcement in simulation goes on from its checkpoint: its
+    `training_seconds` are those of the last part.
 
     :param models: of `vpsci_ros.policy.models.MODELS`.
-    :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
+    :param seed: of folds and trainings.
     :param hybrid: None: data-driven learning alone.
-    :param site: where the models are learned: each in each fold, with all its seeds, by one worker.
+    :param site: where the models are learned: each in each fold by one worker.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; or
         `out_dir` holds another study.
@@ -76,25 +75,25 @@ def compare_models(
     data_driven: dict[str, Pooled] = {}
     refined: dict[str, Pooled] = {}
     tables = [training for training, _ in parts]
-    learner = _Learner(tables, config, network, models, seeds, seed, hybrid, identity)
+    learner = _Learner(tables, config, network, models, seed, hybrid, identity)
     pairs = [(number, name) for number in range(1, folds + 1) for name in models]
-    todo = [pair for pair in pairs if not (_folder(out_dir, *pair, seeds - 1) / DONE).exists()]
+    todo = [pair for pair in pairs if not (_folder(out_dir, *pair) / DONE).exists()]
     side_by_side(site, learner.learn, todo, out_dir, report)
     for number, name in pairs:
         held_out = parts[number - 1][1]
-        for s, (path, gone_on) in enumerate(learner.learn(out_dir, (number, name), report)):
-            measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
-            if gone_on is not None:
-                measuring.add(refined.setdefault(name + REFINED, Pooled()), gone_on, held_out, s, hybrid)
-    result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
+        path, gone_on = learner.learn(out_dir, (number, name), report)
+        measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, hybrid)
+        if gone_on is not None:
+            measuring.add(refined.setdefault(name + REFINED, Pooled()), gone_on, held_out, hybrid)
+    result = measuring.table(data_driven | refined) | {"folds": folds}
     if hybrid is not None:
         result["models"]["constant_velocity"]["world"] = shares_of_ends([hybrid.ends(None)])
     write_json(out_dir / RESULT, result)
     return result
 
 
-def _folder(out_dir: Path, number: int, name: str, s: int) -> Path:
-    return out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
+def _folder(out_dir: Path, number: int, name: str) -> Path:
+    return out_dir / f"fold_{number}" / name
 
 
 @dataclass(frozen=True)
@@ -108,29 +107,25 @@ class _Learner:
     config: PretrainConfig
     network: NetworkConfig
     models: Sequence[str]
-    seeds: int
     seed: int
     hybrid: Hybrid | None
     identity: Mapping[str, Any]
 
     def learn(
         self, out_dir: Path, pair: tuple[int, str], report: StudyReport = lambda *_: None
-    ) -> list[tuple[Path, Path | None]]:
-        """Return a model's weights in a fold by seed, data-driven and hybrid.
+    ) -> tuple[Path, Path | None]:
+        """Return the files of a model's weights in a fold, data-driven and hybrid.
 
         :param pair: number of the fold, name of the model.
         """
-        (number, name), found = pair, list[tuple[Path, Path | None]]()
-        for s in range(self.seeds):
-            folder = _folder(out_dir, number, name, s)
-            place = self.models.index(name) * self.seeds + s
-            report_model = partial(_pass_on, report, f"{number}", place, len(self.models) * self.seeds)
-            of = {**self.identity, "fold": number, "model": name, "training_seed": self.seed + s}
-            run = _Run(name, self.tables[number - 1], self.config, self.network, self.seed + s, folder, of)
-            path = run.data_driven(report_model)
-            found.append((path, None if self.hybrid is None else run.hybrid(self.hybrid)))
-            (folder / DONE).touch()
-        return found
+        (number, name), folder = pair, _folder(out_dir, *pair)
+        report_model = partial(_pass_on, report, f"{number}", self.models.index(name), len(self.models))
+        of = {**self.identity, "fold": number, "model": name}
+        run = _Run(name, self.tables[number - 1], self.config, self.network, self.seed, folder, of)
+        path = run.data_driven(report_model)
+        gone_on = None if self.hybrid is None else run.hybrid(self.hybrid)
+        (folder / DONE).touch()
+        return path, gone_on
 
 
 def _pass_on(report: StudyReport, fold: str, place: int, models: int, values: dict[str, float]) -> None:

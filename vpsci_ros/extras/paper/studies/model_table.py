@@ -1,4 +1,4 @@
-"""Each row of Table 9 on held-out clips, pooled over folds and seeds, with intervals by `statistics.units_of`."""
+"""Each row of Table 9 on held-out clips, pooled over folds, with intervals by `statistics.units_of`."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from vpsci_ros.evaluation.errors import compare, share_of
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
-from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
+from vpsci_ros.evaluation.protocols import Measured, measure
 from vpsci_ros.evaluation.roll_out_scores import energy_score, min_ade
 from vpsci_ros.evaluation.simulators import rolled_out
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, share, units_of
@@ -75,9 +75,9 @@ class Hybrid:
 
 @dataclass
 class Pooled:
-    """The results of a row of Table 9, fold by fold; `errors` has a list over seeds for each fold."""
+    """The results of a row of Table 9, fold by fold."""
 
-    errors: list[list[Measured]] = field(default_factory=list)
+    errors: list[Measured] = field(default_factory=list)
     positions: list[NDArray[np.float64]] = field(default_factory=list)
     ends: list[Mapping[str, int]] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
@@ -104,14 +104,12 @@ class Measuring:
         rows = np.argsort(place, kind="stable")
         self._onsets = onsets.take(rows[place[rows] >= 0])
 
-    def add(self, row: Pooled, path: Path, held_out: Interactions, trained: int, hybrid: Hybrid | None) -> None:
-        """Measure weights on clips that they were not trained on; `trained` is the training's number in the fold."""
+    def add(self, row: Pooled, path: Path, held_out: Interactions, hybrid: Hybrid | None) -> None:
+        """Measure weights on clips that they were not trained on."""
         weights = load_weights(path)
-        if trained == 0:
-            row.errors.append([])
-            if (onsets := self._onsets_of(held_out)) is not None:
-                row.positions.append(rolled_out(PolicyPredictor(weights), onsets))
-        row.errors[-1].append(measure(PolicyPredictor(weights), held_out))
+        if (onsets := self._onsets_of(held_out)) is not None:
+            row.positions.append(rolled_out(PolicyPredictor(weights), onsets))
+        row.errors.append(measure(PolicyPredictor(weights), held_out))
         if hybrid is not None:
             of = hybrid.world.identity() | {"weights": weights.digest()}
             row.ends.append(once(path.parent / "world", of, partial(hybrid.ends, weights)))
@@ -129,7 +127,7 @@ class Measuring:
 
     def table(self, rows: Mapping[str, Pooled]) -> dict[str, Any]:
         """Return the measures of all rows in the layout of `model_comparison.compare_models`."""
-        errors = {name: pooled([_mean(fold) for fold in row.errors]) for name, row in rows.items()}
+        errors = {name: pooled(row.errors) for name, row in rows.items()}
         result = compare(errors, self._together, self._seed)
         units = units_of(self._together.clip, self._together.group)
         for name, row in rows.items():
@@ -209,16 +207,3 @@ def _step_cost(weights: Weights, interactions: Interactions) -> float:
             model.act(seen[0], seen[1], interactions.curvttc[at], np.ones(count, bool))
         rounds.append(time.process_time() - began)
     return 1e6 * min(rounds) / (_TIMED * count)
-
-
-def _mean(measured: Sequence[Measured]) -> Measured:
-    """Return the errors of several trainings on the same interactions as one: means by interaction."""
-    return {
-        protocol: ProtocolErrors(
-            np.mean([m[protocol].ade for m in measured], axis=0),
-            np.mean([m[protocol].fde for m in measured], axis=0),
-            np.mean([m[protocol].squares for m in measured], axis=0),
-            measured[0][protocol].steps,
-        )
-        for protocol in measured[0]
-    }

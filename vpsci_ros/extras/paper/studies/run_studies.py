@@ -87,7 +87,6 @@ def run_model_study(
     models: Sequence[str],
     *,
     folds: int,
-    seeds: int,
     refine: Sections | None,
     simulated: Path | None,
     fresh_episodes: int,
@@ -97,7 +96,7 @@ def run_model_study(
     """Run `compare_models` (Table 9) in `folder`; resume a stopped study.
 
     :param models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
-    :param folds, seeds: trainings of each model: `folds` times `seeds`.
+    :param folds: trainings of each model.
     :param refine, simulated: sections of stage 2 for models by reinforcement, and a near-miss table of simulated
         interactions for the others; None: data-driven learning alone.
     :param fresh_episodes: in each scenario, by `FRESH_SEED`, in which every model is measured.
@@ -110,7 +109,7 @@ def run_model_study(
         MODELS.find(name)
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     hybrid, files = _hybrid(refine, simulated, fresh_episodes), corpus_files(learner.near_misses)
-    facts: dict[str, Any] = {"models": models, "folds": folds, "seeds": seeds}
+    facts: dict[str, Any] = {"models": models, "folds": folds}
     if hybrid is not None:
         assert simulated is not None
         facts |= {"hybrid": hybrid.identity(), "fresh_episodes": fresh_episodes, "fresh_seed": hybrid.seed}
@@ -125,7 +124,6 @@ def run_model_study(
                 folds=folds,
                 seed=learner.seed,
                 out_dir=folder,
-                seeds=seeds,
                 hybrid=hybrid,
                 site=site,
                 report=report,

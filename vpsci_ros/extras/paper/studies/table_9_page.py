@@ -23,7 +23,7 @@ def table_9_page(result: dict[str, Any]) -> str:
     models = {_title(name): (name, of) for name, of in result["models"].items() if name != "constant_velocity"}
     extent = (
         f"{result['interactions']} interactions of {result['clips']} clips, each held out once; {result['folds']} "
-        f"folds, {result['seeds']} training(s) in each. 95% intervals by {result['units']}, of outcomes by Wilson.\n"
+        f"folds, a training in each. 95% intervals by {result['units']}, of outcomes by Wilson.\n"
     )
     parts = [extent, _errors(models)]
     learned = {title: of for title, (_, of) in models.items() if "parameters" in of}
