@@ -1,13 +1,10 @@
 """Units are handed out in order, enough and not many more, and a gap is waited for."""
 
-import pytest
-
-from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.plan import DatasetPlan
 
 
-def plan(targets: dict[int, int], size: int = 10, give_up: float = 100.0) -> DatasetPlan:
-    return DatasetPlan(targets, 5, size, give_up)
+def plan(targets: dict[int, int]) -> DatasetPlan:
+    return DatasetPlan(targets, 5, 10)
 
 
 def test_units_are_consecutive_blocks_from_the_first_episode_on() -> None:
@@ -52,10 +49,3 @@ def test_a_unit_missing_from_an_earlier_run_is_handed_out_first() -> None:
 def test_the_scenario_furthest_behind_comes_next() -> None:
     one = plan({1: 40, 2: 20})
     assert [one.next().scenario for _ in range(5)] == [1, 2, 1, 1, 2]
-
-
-def test_a_scenario_that_keeps_nothing_is_given_up() -> None:
-    one = plan({3: 10}, size=600, give_up=2.0)
-    one.scenarios[3].take(one.next(), 1)
-    with pytest.raises(VpsciError, match="scenario 3: 1 of 600 episodes passed"):
-        one.next()
