@@ -76,19 +76,16 @@ def test_a_bags_episodes_have_the_poses_of_its_states(own_bag: Path) -> None:
     assert one.ped_y[0].tolist() == [float(state["pedestrian_y"]) for state in mine]
 
 
-def test_an_exams_episodes_are_named_by_pedestrian_and_those_without_one_are_left_out(exam: Path) -> None:
-    names = [one.name for one in read_episodes(exam)]
-    assert names == [f"{run}/{name}" for run in ("learned", "walker") for name in ("1:0", "1:2", "6:4")]
-    assert [one.label for one in read_episodes(exam, ["walker/6:4"])] == ["walker_LocationB_PedCross_N-S_000004"]
-
-
-def test_episodes_of_an_exams_further_parts_are_named_by_pedestrian_too(exam: Path, own_bag: Path) -> None:
+def test_an_exams_episodes_are_named_by_pedestrian_in_each_part_and_those_without_one_are_left_out(
+    exam: Path, own_bag: Path
+) -> None:
     (exam / "runs" / "learned" / "2").mkdir()
     write_run(exam / "runs" / "learned" / "1" / FRAMES, own_bag, without=[(1, 2), (6, 4)])
     write_run(exam / "runs" / "learned" / "2" / FRAMES, own_bag, without=[(1, 0)])
     shutil.copytree(exam / "runs" / "learned" / "2", exam / "runs" / "learned" / "2 (copy)")
     names = [one.name for one in read_episodes(exam)]
     assert names == [f"{run}/{name}" for run in ("learned", "walker") for name in ("1:0", "1:2", "6:4")]
+    assert [one.label for one in read_episodes(exam, ["walker/6:4"])] == ["walker_LocationB_PedCross_N-S_000004"]
 
 
 @pytest.mark.parametrize("wanted", [["6:4"], ["4"], ["LocationB_PedCross_N-S_000004"]])
