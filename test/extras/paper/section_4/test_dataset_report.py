@@ -45,7 +45,6 @@ def test_a_report_is_one_page_with_its_pictures_in_it_and_all_numbers_beside_it(
     assert all((folder / f"{name}.png").read_bytes().startswith(b"\x89PNG") for name in PICTURES)
     assert json.loads((folder / NUMBERS).read_text()) == report
     assert "LocationA_PedCross_S-N" in page
-    assert "Not compared with people" not in page
 
 
 def test_shares_of_critical_encounters_stand_beside_the_papers_where_the_import_counted_them(written: Written) -> None:
@@ -87,8 +86,8 @@ def test_the_table_has_recordings_their_halves_each_dataset_and_the_paper_side_b
 
 
 def test_a_dataset_without_a_kept_episode_is_refused_before_anything_is_written(
-    harmless_dataset: Path, tmp_path: Path
+    harmless_dataset: Path, near_misses: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(InvalidInput, match="generated: no interaction with CurvTTC of 5 s or less"):
-        write_report(harmless_dataset, tmp_path / "out")
+        write_report(harmless_dataset, tmp_path / "out", near_misses=near_misses)
     assert not (tmp_path / "out").exists()

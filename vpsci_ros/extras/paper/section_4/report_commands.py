@@ -54,7 +54,7 @@ def report(
 
     folder_of_report = output or folder / "report"
     with output_folder(folder_of_report), Bars("reading", quiet=quiet) as bars:
-        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, notify=bars.line)
+        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, notify=bars.line)
         bars.line("reading episodes")
         inputs = sources_of_report(folder, near_misses, beside)
         shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]

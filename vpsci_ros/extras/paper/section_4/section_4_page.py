@@ -40,9 +40,8 @@ def write_report(
     folder: Path,
     output: Path,
     *,
-    near_misses: Path | None = None,
+    near_misses: Path,
     beside: Path | None = None,
-    view: str = "",
     notify: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
@@ -50,7 +49,6 @@ def write_report(
     :param folder: of `vpsci generate`.
     :param near_misses: recorded ones to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
-    :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     :param notify: called with what is being done.
     :raises InvalidInput: an input cannot be read or holds nothing.
     """
@@ -61,15 +59,14 @@ def write_report(
     tables: dict[str, pl.DataFrame] = {}  # recorded near misses, by source
     if other is not None:
         sources[BESIDE] = generated_encounters(other)
-    if near_misses is not None:
-        recorded = read_near_misses(near_misses)
-        tables[RECORDED] = recorded
-        if (cleaned := clean(recorded)).height:
-            tables[CLEAN] = cleaned
-        if recorded["source"].n_unique() > 1:
-            for name in recorded["source"].unique().sort():
-                titles[f"{RECORDED}_{name}"] = f"of them, {name}"
-                tables[f"{RECORDED}_{name}"] = recorded.filter(pl.col("source") == name)
+    recorded = read_near_misses(near_misses)
+    tables[RECORDED] = recorded
+    if (cleaned := clean(recorded)).height:
+        tables[CLEAN] = cleaned
+    if recorded["source"].n_unique() > 1:
+        for name in recorded["source"].unique().sort():
+            titles[f"{RECORDED}_{name}"] = f"of them, {name}"
+            tables[f"{RECORDED}_{name}"] = recorded.filter(pl.col("source") == name)
     sources |= {name: recorded_encounters(table) for name, table in tables.items()}
     for name, table in sources.items():
         if not table.height:
@@ -77,13 +74,13 @@ def write_report(
     output.mkdir(parents=True, exist_ok=True)
     notify("resampling")
     report = _numbers(data, sources, {name: units_in(table).name for name, table in tables.items()})
-    report["critical_shares"] = {} if near_misses is None else critical_shares(near_misses)
+    report["critical_shares"] = critical_shares(near_misses)
     report["inputs"] = _inputs(data, near_misses, other)
     notify("drawing")
     pictures = _draw(data, {name: table for name, table in sources.items() if name in TITLES}, output)
     write_text(output / NUMBERS, json.dumps(report, indent=1) + "\n")
     given = {GENERATED: folder} | ({} if beside is None else {BESIDE: beside})
-    heads, rows = rows_of(report, RECORDED if RECORDED in sources else None, _heads(given))
+    heads, rows = rows_of(report, RECORDED, _heads(given))
     write_text(output / TABLE, markdown(heads, rows))
     html.write_page(
         output / PAGE,
@@ -104,7 +101,7 @@ def write_report(
         table_10=TABLE_10,
         published_shares=CRITICAL_SHARES,
         numbers=NUMBERS,
-        view=view,
+        view=VIEW,
     )
     return report
 
@@ -120,7 +117,7 @@ def critical_shares(near_misses: Path) -> dict[str, dict[str, int]]:
     }
 
 
-def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | None) -> list[tuple[str, str, Path]]:
+def sources_of_report(folder: Path, near_misses: Path, beside: Path | None) -> list[tuple[str, str, Path]]:
     """Return key, title and path of each source of a report; the report's links use the keys."""
     given = {GENERATED: folder, BESIDE: beside, RECORDED: near_misses}
     return [(key, TITLES[key], path) for key, path in given.items() if path is not None]
@@ -141,23 +138,20 @@ def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame], units: Mapping[
             for name, table in sources.items()
         },
         "bins": {name: by_bins(table, clustered=name in units) for name, table in sources.items()},
-        "distance": {},
     }
-    if RECORDED in sources:
-        recorded = sources[RECORDED]
-        others = {name: table for name, table in sources.items() if not name.startswith(RECORDED)}
-        report["distance"] = {name: distance_between(recorded, table) for name, table in others.items()}
-        report["distance"]["between_halves_of_recorded"] = between_halves(recorded)
+    recorded = sources[RECORDED]
+    others = {name: table for name, table in sources.items() if not name.startswith(RECORDED)}
+    report["distance"] = {name: distance_between(recorded, table) for name, table in others.items()}
+    report["distance"]["between_halves_of_recorded"] = between_halves(recorded)
     return report
 
 
-def _inputs(data: Dataset, near_misses: Path | None, beside: Dataset | None) -> dict[str, Any]:
+def _inputs(data: Dataset, near_misses: Path, beside: Dataset | None) -> dict[str, Any]:
     files: dict[str, Path] = {}
     for key, each in {"dataset": data, "beside": beside}.items():
         paths = {} if each is None else each.inputs
         files |= {key if len(paths) == 1 else f"{key}/{name}": path for name, path in paths.items()}
-    if near_misses is not None:
-        files["near_misses"] = near_misses
+    files["near_misses"] = near_misses
     return {
         "files": {name: {"path": str(path), "sha256": sha256(near_misses_path(path))} for name, path in files.items()},
         "software": software_versions(),

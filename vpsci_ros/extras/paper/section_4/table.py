@@ -9,21 +9,19 @@ from vpsci_ros.extras.paper.section_4.bins import QUESTIONS
 Rows = list[list[str]]
 
 
-def rows_of(report: Mapping[str, Any], recorded: str | None, datasets: Mapping[str, str]) -> tuple[list[str], Rows]:
+def rows_of(report: Mapping[str, Any], recorded: str, datasets: Mapping[str, str]) -> tuple[list[str], Rows]:
     """Return the heads and the rows of the table, as text.
 
     :param report: the numbers of `page.write_report`.
-    :param recorded: key of the recorded source in `report`; None: there is none.
+    :param recorded: key of the recorded source in `report`.
     :param datasets: key of a source -> head of its column.
     """
-    keys = [*([recorded] if recorded else []), *datasets]
-    control = bool(recorded)
+    keys = [recorded, *datasets]
     sources = [report["sources"][key] for key in keys]
-    heads = ["", *(["recorded", "halves of it"] if control else []), *datasets.values(), "paper"]
+    heads = ["", "recorded", "halves of it", *datasets.values(), "paper"]
 
     def row(name: str, cells: Sequence[str], paper: str, halves: str = "") -> list[str]:
-        beside = [cells[0], halves, *cells[1:]] if control else list(cells)
-        return [name, *beside, paper]
+        return [name, cells[0], halves, *cells[1:], paper]
 
     rows = [row("interactions", [f"{each['interactions']:,}" for each in sources], "336; 198,157")]
     quartiles = [_three(estimate["value"] for estimate in each["least_curvttc"]) for each in sources]
@@ -33,11 +31,10 @@ def rows_of(report: Mapping[str, Any], recorded: str | None, datasets: Mapping[s
         ("KS distance to recorded", "ks", 3, f"{KS:.3f}"),
         ("Wasserstein distance to recorded [s]", "wasserstein", 2, f"{WASSERSTEIN:.3f}"),
     ):
-        if control:
-            apart = report["distance"]
-            cells = [_bounded(apart[key][measure], digits) for key in datasets]
-            halves = _bounded(apart["between_halves_of_recorded"][measure], digits)
-            rows.append(row(name, ["", *cells], paper, halves))
+        apart = report["distance"]
+        cells = [_bounded(apart[key][measure], digits) for key in datasets]
+        halves = _bounded(apart["between_halves_of_recorded"][measure], digits)
+        rows.append(row(name, ["", *cells], paper, halves))
     for name, flag in (
         ("vehicle yields [%]", "vehicle_yields"),
         ("pedestrian yields [%]", "pedestrian_yields"),

@@ -64,7 +64,7 @@ def write_paper(
     dataset: Path,
     output: Path,
     *,
-    near_misses: Path | None,
+    near_misses: Path,
     rules: Path | None,
     runs: Sequence[Path] = (),
     notify: Callable[[str], None] = lambda _: None,
@@ -82,7 +82,7 @@ def write_paper(
     notify("reading")
     data = Dataset(dataset)
     generated = {"generated": generated_encounters(data)}
-    recorded = {} if near_misses is None else {"recorded": recorded_encounters(read_near_misses(near_misses))}
+    recorded = {"recorded": recorded_encounters(read_near_misses(near_misses))}
     rule_based = {} if rules is None else {"rule-based pair": generated_encounters(Dataset(rules))}
     for name, table in (generated | recorded | rule_based).items():
         if not table.height:
@@ -108,7 +108,6 @@ def write_paper(
     numbers = {"dataset": str(dataset), "scenarios": data.scenarios, **tables}
     write_text(output / NUMBERS, json.dumps(numbers, indent=1) + "\n")
     missing = {name: command for name, command in RUNS.values() if name not in found}
-    missing |= {} if recorded else {"recorded near misses in figures 8 and 9": "--near-misses right_turns"}
     missing |= {} if rule_based else {"the rule-based pair in figures 11 to 13": "--rules DIR"}
     html.write_page(
         output / PAGE,
