@@ -13,7 +13,7 @@ from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
 from vpsci_ros.report import trajectories as figures
-from vpsci_ros.report.trajectories import BLUES, save_trajectories
+from vpsci_ros.report.trajectories import BLUES
 from vpsci_ros.world import load_scenarios
 
 
@@ -49,11 +49,8 @@ def test_colour_is_speed_from_white_at_rest_to_dark_at_eight() -> None:
     assert axis.get_title() == "title"
 
 
-def test_nothing_to_draw_is_refused_and_nothing_written(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="at least one interaction"):
-        save_trajectories([], tmp_path / "figure.png")
+def test_a_dataset_without_a_kept_episode_has_nothing_to_draw(tmp_path: Path) -> None:
     with DatasetWriter(tmp_path / "d", {1: "x"}, {"period": 0.05}) as writer:
         writer.close()
     with pytest.raises(InvalidInput, match="no episode was kept"):
         typical_episodes(Dataset(tmp_path / "d"))
-    assert not (tmp_path / "figure.png").exists()

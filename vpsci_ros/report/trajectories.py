@@ -18,7 +18,6 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png, show_all
 from vpsci_ros.report.world_figures import GROUND, draw_ground, outlines
 
@@ -34,10 +33,9 @@ _COLUMNS = 4
 def save_trajectories(episodes: Sequence[tuple[str, Episode]], path: str | Path) -> None:
     """Draw episodes under their titles, four a row, and write them as a PNG, whole or not at all.
 
-    :raises InvalidInput: no episode, or the folder of `path` does not exist.
+    :param episodes: at least one.
+    :raises InvalidInput: the folder of `path` does not exist.
     """
-    if not episodes:
-        raise InvalidInput(f"{path}: expected at least one interaction to draw, got none")
     columns = min(_COLUMNS, len(episodes))
     rows = -(-len(episodes) // columns)
     figure, axes = new_figure(3.9 * columns, 4.0 * rows + 0.9, rows, columns)

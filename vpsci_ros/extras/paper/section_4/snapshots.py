@@ -10,7 +10,6 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground, outlines
 from vpsci_ros.safety import CRITICAL_TTC
@@ -24,10 +23,9 @@ _EDGE = 2.0  # [m] from a panel's edge
 def save_snapshots(episodes: Sequence[tuple[str, Episode]], path: str | Path) -> None:
     """Draw four frames of each episode under its title, and write them as a PNG, whole or not at all.
 
-    :raises InvalidInput: no episode, or the folder of `path` does not exist.
+    :param episodes: at least one.
+    :raises InvalidInput: the folder of `path` does not exist.
     """
-    if not episodes:
-        raise InvalidInput(f"{path}: expected at least one interaction to draw, got none")
     figure, axes = new_figure(2.5 * len(STAGES), 2.75 * len(episodes), len(episodes), len(STAGES))
     for row, (title, episode) in zip(axes, episodes, strict=True):
         pair = episode.pair().filled()

@@ -8,7 +8,6 @@ from typing import Any
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets
 from vpsci_ros.extras.paper.turing.clips import RatedClip, draw_scenes, make_clips
 from vpsci_ros.policy.policy_file import load_policy
@@ -34,8 +33,6 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int)
     :raises InvalidInput: table or weights are refused, the folder holds anything but the same kit, or there are too few
         scenes.
     """
-    if scenes < 2:
-        raise InvalidInput(f"scenes = {scenes}: expected at least 2, since intervals rest on how scenes differ")
     rows = read_near_misses(table)
     path = weights_path(weights)
     loaded = load_policy(path)
