@@ -241,10 +241,10 @@ def _first_known(values: NDArray[Any]) -> int:
     return int((~np.isnan(values[..., [0, 4]])).any(axis=(0, 2)).argmax())
 
 
-def batches(episodes: Iterable[Episode], size: int = BATCH) -> Iterator[list[Episode]]:
-    """Yield episodes in lists of `size`; the last list may be shorter."""
+def batches(episodes: Iterable[Episode]) -> Iterator[list[Episode]]:
+    """Yield episodes in lists of `BATCH`; the last list may be shorter."""
     left = iter(episodes)
-    while batch := list(itertools.islice(left, size)):
+    while batch := list(itertools.islice(left, BATCH)):
         yield batch
 
 

@@ -51,13 +51,13 @@ def slopes(values: Floats, span: int) -> Floats:
     return np.correlate(values, offsets / (STEP * float(offsets @ offsets)), "valid")
 
 
-def trailing_slope(values: Floats, window: int = _YAW_WINDOW) -> Floats:
+def trailing_slope(values: Floats) -> Floats:
     """Return the slope [1/s] of values on the 0.1 s grid at each step: a least-squares line through the last steps.
 
-    :param values: float64[T]; window: steps back that the line spans, fewer where there are fewer.
+    :param values: float64[T]; the line spans four steps back, fewer where there are fewer.
     """
     out = np.zeros(len(values))
-    for span in range(1, min(window, len(values) - 1) + 1):
+    for span in range(1, min(_YAW_WINDOW, len(values) - 1) + 1):
         out[span:] = slopes(values, span)
     return out
 

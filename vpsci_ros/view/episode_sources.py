@@ -80,17 +80,14 @@ class EpisodeSource:
         return self.reader({one.name for one in self.chosen(wanted, limit)})
 
 
-def read_episodes(
-    path: str | Path, wanted: Sequence[str] = (), *, limit: int | None = None, recover: bool = False
-) -> Iterator[Episode]:
+def read_episodes(path: str | Path, wanted: Sequence[str] = (), *, limit: int | None = None) -> Iterator[Episode]:
     """Yield the episodes of a near-miss table, of a dataset (kept ones), of a bag (ended ones) or of an exam.
 
     :param wanted: only these, by name ("6:12", "17"), label or number; none: all.
     :param limit: most episodes, evenly spread.
-    :param recover: read the whole messages of a damaged bag.
     :raises InvalidInput: another kind of file, a damaged one, or an unknown episode.
     """
-    return open_source(path, recover=recover).read(wanted, limit)
+    return open_source(path).read(wanted, limit)
 
 
 def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> Source:
@@ -107,10 +104,9 @@ def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> S
     return Source(found.key, f"{found.key} ({found.kind})", found.period, episodes, len(found.listed))
 
 
-def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
+def open_source(path: str | Path) -> EpisodeSource:
     """Return the source of episodes at `path`, or the near-miss table of this name ("right_turns/train").
 
-    :param recover: read the whole messages of a damaged bag.
     :raises InvalidInput: another kind of file, or a damaged one.
     """
     path, part = near_misses_part(path)
@@ -122,7 +118,7 @@ def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
     if (path / EXAM).is_file():
         return _exam(path)
     if path.suffix in _OF_A_BAG[:2] or (path.is_dir() and any(map(_of_a_bag, path.iterdir()))):
-        return _bag(path, recover)
+        return _bag(path)
     if path.is_dir():
         raise InvalidInput(f"{path}: neither {DESCRIPTION} nor a bag in it; {EXPECTED}")
     path = path / part
@@ -136,8 +132,8 @@ def _of_a_bag(file: Path) -> bool:
     return file.suffix in _OF_A_BAG or file.name == "metadata.yaml"
 
 
-def _bag(path: Path, recover: bool) -> EpisodeSource:
-    bag = Bag(path, recover=recover)
+def _bag(path: Path) -> EpisodeSource:
+    bag = Bag(path)
     found = bag_episodes(bag)
     if not found:
         raise InvalidInput(f"{path}: not one episode ended while it was recorded, so it holds none that is whole")

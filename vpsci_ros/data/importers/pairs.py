@@ -32,14 +32,12 @@ def near_misses_of(
     *,
     length: float,
     width: float,
-    critical: float = CRITICAL_TTC,
     fastest: float = math.inf,
 ) -> ImportResult:
     """Return the near misses of a source, interactions numbered from 0 in order of clip, vehicle and pedestrian.
 
     :param source: its name, unless the clips say another.
     :param length, width: of vehicles whose tracks and clips do not say [m].
-    :param critical: CurvTTC below which a pair is a near miss [s].
     :param fastest: pedestrians whose median speed exceeds this are left out [m/s], see `Clip.without_faster`.
     :raises InvalidInput: no vehicle at all, no pedestrian, two clips of one name, or of several sources or sizes; or
         see `clips`.
@@ -76,7 +74,7 @@ def near_misses_of(
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
         for vehicle, pedestrian in _together(clip):
-            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or size), critical)
+            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or size))
             pairs += 1
             if near_miss is not None and near_miss.height < LEAST_STEPS:
                 left_out[BRIEF] += 1
@@ -99,7 +97,7 @@ def near_misses_of(
         pairs=pairs,
         near_misses=len(parts),
         steps=table.height,
-        critical_steps=table.filter(pl.col("curvttc") < critical).height,
+        critical_steps=table.filter(pl.col("curvttc") < CRITICAL_TTC).height,
         quartiles=least_quartiles(table),
         vehicle_length=size[0],
         vehicle_width=size[1],
@@ -146,7 +144,7 @@ def _together(clip: Clip) -> Iterable[tuple[Track, Track]]:
             yield from ((turning, clip.pedestrians[number]) for number in together)
 
 
-def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, critical: float) -> pl.DataFrame | None:
+def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float) -> pl.DataFrame | None:
     first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
 
     def along(track: Track, name: str) -> Floats:
@@ -155,7 +153,7 @@ def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, c
     columns = {f"veh_{name}": along(vehicle, name) for name in ("x", "y", "heading", "speed")}
     columns |= {f"ped_{name}": along(pedestrian, name) for name in ("x", "y", "vx", "vy")}
     ttc = curvttc_of(columns, along(vehicle, "yaw_rate"), length, width)
-    if not (ttc < critical).any():
+    if not (ttc < CRITICAL_TTC).any():
         return None
     steps, heading, speed = np.arange(len(ttc)), columns["veh_heading"], columns["veh_speed"]
     return pl.DataFrame(

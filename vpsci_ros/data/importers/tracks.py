@@ -276,16 +276,16 @@ def resample(
         yield Track(int(number[begin]), first, values)
 
 
-def slope(values: Floats, half_window: int = 2) -> Floats:
-    """Rate of change [1/s] of values on the grid, by the least-squares line through 2 * `half_window` + 1 values.
+def slope(values: Floats) -> Floats:
+    """Rate of change [1/s] of values on the grid, by the least-squares line through five values.
 
     A line over 0.4 s keeps the yaw rate of a turn and leaves out the jitter of single frames, which would bend the
     predicted path to one side and the other and report near misses one step long. The ends have the slope of the
-    nearest full window. By default a track of 3 or 4 values has a window of 3, a track of 2 values a window of 2.
+    nearest full window. A track of 3 or 4 values has a window of 3, a track of 2 values a window of 2.
     """
     n = len(values)
     if n < 2:
         return np.zeros(n)
-    half = min(half_window, (n - 1) // 2)
+    half = min(2, (n - 1) // 2)
     inner = slopes(values, max(2 * half, 1))
     return np.pad(inner, (half, n - len(inner) - half), "edge")
