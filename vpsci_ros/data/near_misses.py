@@ -310,7 +310,10 @@ def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> t
                 room -= n
         held += [(source, clip) for clip in taken or [min(clips, key=lambda c: (c[2], c[0]))[1]]]
     if not held:
-        raise InvalidInput("expected two clips or more, since data are held out by clip; add recordings")
+        raise InvalidInput(
+            "expected two clips or more of a source, since whole clips are held out; got "
+            f"{', '.join(clips_of(table))}; add recordings, or cut yours into clips (`clip` in a layout)"
+        )
     return split_off(table, held)
 
 

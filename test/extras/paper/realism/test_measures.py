@@ -79,3 +79,5 @@ def test_one_clip_cannot_be_separated(onsets: Onsets) -> None:
     one = np.full(len(onsets), "one")
     with pytest.raises(InvalidInput, match="two clips or vehicles"):
         two_sample({name: value[:, 0] for name, value in of.items()}, [of], (one, one), 0)
+    with pytest.raises(InvalidInput, match="generated episodes of two scenarios, got one"):
+        two_sample({name: value[:, 0] for name, value in of.items()}, [of], (as_clips(onsets), one), 0, paired=False)

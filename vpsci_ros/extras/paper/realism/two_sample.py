@@ -98,6 +98,8 @@ def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str
     count = min(FOLDS, len(np.unique(owner[y == 1.0])))
     if count < 2:
         raise InvalidInput("two-sample test: expected recordings of two clips or vehicles, got one; give more")
+    if len(np.unique(owner[y == 0.0])) < 2:
+        raise InvalidInput("two-sample test: expected generated episodes of two scenarios, got one; give more")
     scores = np.zeros(len(y))
     folds = StratifiedGroupKFold(count, shuffle=True, random_state=seed)
     for training, held in folds.split(x, y, owner):
