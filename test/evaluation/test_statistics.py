@@ -116,20 +116,3 @@ def test_of_four_clips_clips_are_resampled_and_of_fewer_the_groups_in_them():
     few = units_of(clips[1:], groups[1:])
     assert (few.labels.tolist(), few.text) == (["s/b 1", "s/c 2", "s/d 3", "s/d 4"], "4 groups")
     assert units_of(clips[3:], np.array([3, 3])).text == "1 group"
-
-
-def test_the_interval_of_one_recording_is_that_of_its_groups():
-    """Near misses of 1, 1 and 4 m, the first two of one vehicle.
-
-    Two groups are drawn twice: 1 m in a quarter of the resamples, (1 + 1 + 4) / 3 = 2 m in a half, 4 m in a quarter.
-    """
-    values = np.array([1.0, 1.0, 4.0])
-    clips = np.array(["mine/one"] * 3)
-    counts = cluster_counts(units_of(clips, np.array([7, 7, 9])).labels, 0)
-    means = counts @ values / counts.sum(axis=1)
-    found, times = np.unique(means, return_counts=True)
-    assert found.tolist() == [1.0, 2.0, 4.0]
-    assert times / len(means) == pytest.approx([0.25, 0.5, 0.25], abs=0.03)  # 3 standard errors
-    assert interval(means) == (1.0, 4.0)
-    whole = cluster_counts(clips, 0)
-    assert interval(whole @ values / whole.sum(axis=1)) == (2.0, 2.0), "by the clip nothing is resampled"

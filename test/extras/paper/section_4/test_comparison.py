@@ -55,10 +55,10 @@ def test_two_clips_differ_by_the_distance_between_them_and_one_clip_by_nothing_k
     assert all(math.isnan(value) for estimate in alone.values() for value in estimate.values())
 
 
-def of_speed(speeds: list[float], conflict: list[bool], groups: list[str] | None = None) -> pl.DataFrame:
+def of_speed(speeds: list[float], conflict: list[bool]) -> pl.DataFrame:
     """Encounters in which the vehicle drives at these speeds [m/s]."""
     least = [1.0 if each else 3.0 for each in conflict]
-    return encounters(least, groups=groups).with_columns(vehicle_speed=pl.Series(speeds))
+    return encounters(least).with_columns(vehicle_speed=pl.Series(speeds))
 
 
 CONFLICTS_BY_VEHICLE = QUESTIONS[0].name
@@ -74,11 +74,3 @@ def test_a_share_by_speed_counts_the_interactions_of_its_bin_and_says_nothing_of
     assert (next_["n"], next_["value"], next_["high"]) == (20, 1.0, 1.0)
     assert next_["low"] == pytest.approx(20 / (20 + 1.96**2), abs=1e-3)  # Wilson's: n / (n + z^2)
     assert fast == {"n": LEAST_IN_BIN - 1, "value": None, "low": None, "high": None}
-
-
-def test_the_interval_of_a_share_by_speed_is_that_of_clips_where_these_are_resampled():
-    """Two clips of 50, one of conflicts only: a resample has 0, half or all of them."""
-    table = of_speed([0.5] * 100, [True] * 50 + [False] * 50, groups=["a"] * 50 + ["b"] * 50)
-    clips, rows = (by_bins(table, clustered=c)[CONFLICTS_BY_VEHICLE][0] for c in (True, False))
-    assert (clips["low"], clips["high"]) == pytest.approx((0.0, 1.0))
-    assert 0.38 < rows["low"] < 0.45 < 0.55 < rows["high"] < 0.62
