@@ -113,6 +113,7 @@ EXTRAS = {
     # examples/trained_policy.py: PPO as a driving system.
     "baselines": ["stable-baselines3>=2.4,<3"],
     "test": [
+        "lanelet2>=1.2.2,<2",
         "mypy>=1.13,<3",
         "pandas>=2.2,<4",
         "playwright>=1.45,<2",  # with Debian's chromium: the pages in a real browser

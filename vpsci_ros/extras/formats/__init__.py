@@ -11,6 +11,7 @@ In reading order:
 * `opendrive`: a scenario's road as an ASAM OpenDRIVE map: the vehicle's lane along its centreline
 * `commonroad`: episodes as CommonRoad scenarios (2020a XML): lane, pedestrians as obstacles
 * `osi`: episodes as ASAM OSI ground truth in MCAP, one trace an episode, with the metadata that OSI requires
+* `lanelet2`: a scenario's lane and crosswalk as a Lanelet2 map (.osm), as Autoware and other stacks load it
 * `scenarionet`: episodes as a ScenarioNet database, which MetaDrive replays: one record a file
 * `mp4`: episodes as videos from above (H.264 in MP4, like the paper's 144 example videos), encoded by PyAV
 * `track_tables`: recordings published as tables of tracks: levelXData, INTERACTION, SinD, Argoverse 2 and TGSIM

@@ -21,7 +21,7 @@ def export(
         typer.Option(
             "--to",
             metavar="FORMAT,...",
-            help="openscenario, commonroad, osi, scenarionet, mp4, or an added one.",
+            help="openscenario, commonroad, osi, scenarionet, mp4, lanelet2, or an added one.",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],

@@ -67,6 +67,7 @@ EXPORTERS = PluginGroup(
     {
         "openscenario": Exporter("vpsci_ros.extras.formats.openscenario", "formats"),
         "commonroad": Exporter("vpsci_ros.extras.formats.commonroad", "commonroad"),
+        "lanelet2": Exporter("vpsci_ros.extras.formats.lanelet2"),
         "osi": Exporter("vpsci_ros.extras.formats.osi", "formats"),
         "scenarionet": Exporter("vpsci_ros.extras.formats.scenarionet"),
         "mp4": Exporter("vpsci_ros.extras.formats.mp4", "formats"),
