@@ -84,7 +84,7 @@ def test_what_failed_before_and_does_not_now_is_fixed_and_the_other_way_round(ho
     summary = (tmp_path / "today" / "summary.md").read_text()
     assert summary.startswith("## my_driver:MyDriver: failed\n")
     key = (names[True] + names[False])[0]
-    assert f"[walker {key}](view.html#a=ads-walker&b=autopilot-walker&episode={key})" in summary
+    assert f"[walker {key}](view.html#a=ads-walker&b=&episode={key})" in summary, "for no autopilot drove"
     assert "All changes against worse" in (tmp_path / "today" / "report.html").read_text()
 
 
@@ -213,7 +213,7 @@ def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_cri
            "time_lost": {"value": None, "low": None, "high": None, "n": 0}}  # fmt: skip
     report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {"walker": {"failure": ""}},
               "failure": "moving_collision", "alone": None, "timing": None,
-              "drivers": {"ads": {"walker": {"episodes": 10} | row}}}  # fmt: skip
+              "drivers": {"ads": {"walker": {"episodes": 10} | row}, "autopilot": {"walker": {}}}}  # fmt: skip
     write_verdict(tmp_path, report, rows(1, 4, 9), "view.html")
     assert cases(tmp_path / "junit.xml") == {
         ("vpsci ads-test.exam", "every episode was driven"): [],
@@ -299,6 +299,7 @@ def test_a_baseline_without_an_episode_in_common_is_refused_and_a_pedestrian_wit
         "conduct": {},
         "alone": None,
         "timing": None,
+        "drivers": {},
         "against": none,
     }
     write_summary(tmp_path, report, failing(report, rows(1)), "")

@@ -157,7 +157,10 @@ def test_nothing_is_said_of_an_autopilot_that_did_not_drive_nor_of_a_change_that
     earlier = Earlier(tmp_path / "main", "main.py", table)
     report["against"] = compare(table, earlier, SimpleNamespace(config=config))
     report |= {"exam": EXAM, "failures": [], "criteria": []}
-    write_page(tmp_path / "report.html", report, table, {"learned": drives}, "")
+    write_page(tmp_path / "report.html", report, table, {"learned": drives}, "view.html")
+    links = re.findall(r'view.html#([^"]*)"', (tmp_path / "report.html").read_text())
+    assert links
+    assert {"autopilot" in link for link in links} == {False}
     text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", (tmp_path / "report.html").read_text().split("<body>")[1]))
     assert "the rule-based autopilot" not in text
     assert "default pedestrian: no change shows in collisions; collisions, vehicle moving; conflicts;" in text

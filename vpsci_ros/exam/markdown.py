@@ -34,8 +34,9 @@ def _summary(report: Mapping[str, Any], failing: Failing, view: str) -> Iterator
         yield from (f"On the empty road the system arrives in {found['arrived']} of {found['of']} episodes.", "")
     yield from (sentence(report), "")
     yield from _changes(report["against"]) if "against" in report else _values(report, failing)
+    beside = BASELINE if BASELINE in report["drivers"] else ""
     for kind, title in _KINDS.items():
-        links = [_link(view, name, key) for name, row in failing.items() for key in row.get(kind, [])]
+        links = [_link(view, name, key, beside) for name, row in failing.items() for key in row.get(kind, [])]
         more = f" and {len(links) - _LISTED} more" if len(links) > _LISTED else ""
         yield from ["", f"{title}: {', '.join(links[:_LISTED])}{more}"] if links else []
 
@@ -95,6 +96,6 @@ def _change(found: Mapping[str, Any], measure: str) -> str:
     return f"{bold}{text}{bold}"
 
 
-def _link(view: str, pedestrian: str, key: str) -> str:
-    target = f"({view}#a={ADS}-{pedestrian}&b={BASELINE}-{pedestrian}&episode={key})"
+def _link(view: str, pedestrian: str, key: str, beside: str) -> str:
+    target = f"({view}#a={ADS}-{pedestrian}&b={beside and f'{beside}-{pedestrian}'}&episode={key})"
     return f"[{pedestrian} {key}]{target}" if view else f"{pedestrian} {key}"
