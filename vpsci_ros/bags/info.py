@@ -44,7 +44,9 @@ def bag_info(path: str | Path) -> dict[str, Any]:
         raise InvalidInput(f"{path}: the bag holds no message" + (f" that is whole ({damage[0]})" if damage else ""))
     simulated = bool(run.totals or run.software)
     first, last = extent(topics.values())
-    episodes = bag_episodes(bag) if WORLD in topics and topics[WORLD].messages else []
+    records = [name for name, _ in bag.records()]
+    told = EPISODE_RECORD in records or (WORLD in topics and topics[WORLD].messages)
+    episodes = bag_episodes(bag) if told else []
     seen, written = run.count("seen"), run.count("written")
     return {
         "bag": str(path),
@@ -71,7 +73,7 @@ def bag_info(path: str | Path) -> dict[str, Any]:
         "outcomes": dict(Counter(episode.listed.outcome for episode in episodes)),
         "episodes_unfinished": int(run.totals.get("episodes_unfinished", 0)),
         "run": {name: value for name, value in dataclasses.asdict(run).items() if name != "totals"},
-        "missing": what_is_missing(topics, run, [name for name, _ in bag.records()]),
+        "missing": what_is_missing(topics, run, records),
     }
 
 
@@ -80,7 +82,7 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
     has = {name for name, topic in topics.items() if topic.messages}
     missing = []
     if WORLD not in has:
-        missing.append(f"{WORLD}: no episodes, no export, no verify")
+        missing.append(f"{WORLD}: no export, no verify")
     elif SAFETY not in has:
         missing.append(f"{SAFETY}: CurvTTC is unknown")
     if WORLD in has and EPISODE_RECORD not in records:
