@@ -55,6 +55,7 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
     [
         (["import", "nowhere", "--format", "vci-dut", "-o", "x.parquet"], "nowhere"),
         (["import", "test", "--format", "vci", "-o", "x.parquet"], "unknown format 'vci'"),
+        (["import", "test", "--format", "described", "-o", "x.csv"], "-o x.csv: a table of near misses is Parquet"),
         (
             ["graph", "--params", "none.yaml", "-o", "x"],
             "none.yaml: no such parameter file; the package's own are ads_test",

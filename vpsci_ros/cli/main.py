@@ -91,6 +91,8 @@ def import_command(
         print("\n".join(check_recordings(folders, formats, picture, limit, frame_rate)))
         print(f"written: {picture}")
         return
+    if output.suffix != ".parquet":
+        raise InvalidInput(f"-o {output}: a table of near misses is Parquet; expected the name of a .parquet file")
     with Bars(f"importing {', '.join(map(str, folders))}"):
         result = import_folders(folders, formats, limit, frame_rate)
     require_near_misses(result)
