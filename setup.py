@@ -85,7 +85,11 @@ EXTRAS = {
         "setuptools>=64",
     ],
     # What vpsci_ros.envs offers: environments for Gymnasium and PettingZoo.
-    "rl": ["gymnasium>=1.1,<2", "pettingzoo>=1.24,<2"],
+    "rl": [
+        "gymnasium>=1.1,<2",
+        "pettingzoo>=1.24,<2",
+        "pillow>=10,<14",
+    ],
     # The branches, vpsci_ros/extras/: each README.md says what it adds.
     # `vpsci ads-search`: the stand-in of the driving system.
     "exam_extra": ["scikit-learn>=1.4,<2", "threadpoolctl>=3.1,<4"],

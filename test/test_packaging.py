@@ -33,7 +33,7 @@ REQUIREMENTS = [
 # Names that differ between an import and the package that brings it: (requirement in setup.py, key of rosdep or None).
 NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-rosbags-pip")}
 NO_ROSDEP_KEY = {"lz4", "mcap", "polars", "pyarrow", "safetensors", "zstandard"}
-OPTIONAL = {"gymnasium", "pettingzoo", "sklearn", "threadpoolctl", "tornado"}  # of extras
+OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "sklearn", "threadpoolctl", "tornado"}  # of extras
 OPTIONAL |= {"cloudpickle", "distributed"}
 OPTIONAL |= {"av", "carla", "commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "tf2_msgs", "vpsci_msgs"}  # with rclpy and this repository

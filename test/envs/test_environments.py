@@ -40,7 +40,7 @@ def drive(observation: np.ndarray) -> np.ndarray:
 
 
 def test_gymnasiums_checker_finds_nothing():
-    check_env(gymnasium.make(ENV_ID, **WALKER).unwrapped)
+    check_env(gymnasium.make(ENV_ID, render_mode="rgb_array", **WALKER).unwrapped)
 
 
 def test_pettingzoos_parallel_api_test_passes():
@@ -92,10 +92,11 @@ def test_an_environment_of_a_batch_is_to_the_bit_the_one_alone():
 
 
 def test_a_copy_in_mid_episode_goes_on_to_the_bit():
-    env = RightTurnEnv(weights=small_weights())
+    env = RightTurnEnv(weights=small_weights(), render_mode="rgb_array")
     observation, _ = env.reset(seed=2)
     for _ in range(30):
         observation, *_ = env.step(drive(observation))
+    env.render()
     copied = pickle.loads(pickle.dumps(env))
     for _ in range(250):  # into the next episode
         (one, *rest), (other, *same) = env.step(drive(observation)), copied.step(drive(observation))
@@ -143,6 +144,19 @@ def test_who_is_beyond_sight_is_observed_at_its_edge_in_the_same_direction():
     assert task.SIGHT == 50.0
 
 
+def test_the_picture_shows_lane_vehicle_and_pedestrian():
+    env = RightTurnEnv(scenarios=[1], render_mode="rgb_array", **WALKER)
+    env.reset(seed=1)
+    image = env.render()
+    assert image.shape == (480, 480, 3)
+    assert image.dtype == np.uint8
+    for colour in ((8, 81, 156), (165, 15, 21), (185, 185, 181), (247, 247, 244)):
+        assert (image == colour).all(axis=-1).sum() > 20
+    for _ in range(20):
+        env.step(np.float32([0, 0.3]))
+    assert (env.render() != image).any()
+
+
 def braking(observation):
     return {"vehicle": np.float32([-5, 0]), "pedestrian": np.float32([0, 0])}
 
@@ -185,6 +199,7 @@ def test_the_gain_is_the_share_of_the_pedestrians_acceleration_that_becomes_moti
     ("make", "message"),
     [
         (lambda: RightTurnEnv(pedestrian="dancer"), "pedestrian = 'dancer'"),
+        (lambda: RightTurnEnv(render_mode="human", **WALKER), "expected 'rgb_array' or None"),
         (lambda: RightTurnEnv(**WALKER).reset(options={"scenario": 1}), "expected scenario and episode"),
         (lambda: RightTurnVectorEnv(2, **WALKER).reset(seed=[1]), "one number or 2 of them"),
         (lambda: RightTurnEnv(**WALKER).reset(seed=2**64), r"seed = \d+: expected a whole number from 0 to 2\^63 - 1"),

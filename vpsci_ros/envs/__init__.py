@@ -11,6 +11,7 @@ In reading order:
 * `vector`: the right turn as a Gymnasium vector environment: a batch in one world, one call a step
 * `parallel`: both agents as a PettingZoo parallel environment: equations (6)-(13) and (18)-(26) of the paper
 * `simulation`: a batch of episodes with world, monitor and default pedestrian, advanced by the environment's actions
+* `rendering`: an environment's scene from above as an image, north up: lane, crosswalk, vehicle
 """
 
 from vpsci_ros.errors import require

@@ -9,7 +9,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from vpsci_ros.envs.right_turn import chosen_episode
+from vpsci_ros.envs.rendering import Views
+from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.learning.training_config import RewardsConfig
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION, TIMEOUT, WorldConfig
@@ -32,24 +33,34 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
 
     :param scenarios: numbers, names or files; episodes take them in turn.
     :param lane_following: the world keeps the vehicle's lane, since observation (6) does not contain the road.
+    :param render_mode: "rgb_array" or None.
     :param pedestrian_gain: share of the pedestrian's acceleration that becomes motion; 0.5 in (21)-(24).
-    :raises InvalidInput: an unknown scenario.
+    :raises InvalidInput: an unknown scenario or render mode.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"name": "vehicle_pedestrian_v0", "is_parallelizable": True}
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "vehicle_pedestrian_v0",
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
 
     def __init__(
         self,
         scenarios: Iterable[int | str | Path] = range(1, 9),
         lane_following: bool = True,
+        render_mode: str | None = None,
         pedestrian_gain: float = 1.0,
     ) -> None:
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         config = WorldConfig(lane_following=lane_following, pedestrian_gain=pedestrian_gain)
         self._simulation = Simulation(
             scenarios, 1, vehicle="policy", pedestrian="policy", config=config, always_critical=True
         )
+        self._views = Views(self._simulation.scenarios)
         self._observation_space = spaces.Box(-BOUND, BOUND, (OBSERVATION_SIZE,), np.float32)
         self._action_space = spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (ACTION_SIZE,), np.float32)
         self._last: Snapshot | None = None
@@ -101,6 +112,12 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
             dict.fromkeys(AGENTS, truncated),
             self._infos(),
         )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"; otherwise None."""
+        if self.render_mode is None or self._last is None:
+            return None
+        return self._views.image(self._last.state[0])
 
     def _observations(self) -> Observations:
         assert self._last is not None

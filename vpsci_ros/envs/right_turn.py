@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vpsci_ros.envs import task
+from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.policy_file import Policy
@@ -32,20 +33,27 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force"; or an
         agent that another Python package adds.
     :param weights: of the default pedestrian: a file, a name shipped with the package, or a `Bank` or `Weights`.
+    :param render_mode: "rgb_array" or None.
     :param config: of the world; of several `pedestrians` the one with the least CurvTTC is observed.
-    :raises InvalidInput: an unknown scenario, pedestrian or weights file.
+    :raises InvalidInput: an unknown scenario, pedestrian, weights file or render mode.
     """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
         scenarios: Iterable[int | str | Path] = range(1, 9),
         pedestrian: str = "policy",
         weights: str | Path | Policy = "people",
+        render_mode: str | None = None,
         config: WorldConfig | None = None,
     ) -> None:
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
         self.observation_space, self.action_space = OBSERVATION_SPACE, ACTION_SPACE
         self._simulation = Simulation(scenarios, 1, pedestrian=pedestrian, weights=weights, config=config)
         self._tables = tables_from(self._simulation.scenarios, self._simulation.config.spawn)
+        self._views = Views(self._simulation.scenarios)
         self._last: Snapshot | None = None
 
     def reset(
@@ -75,6 +83,12 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward, terminated, truncated = task.outcome(before, self._last.state, observation)
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info(self._last)
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"; otherwise None."""
+        if self.render_mode is None or self._last is None:
+            return None
+        return self._views.image(self._last.state[0])
+
     @staticmethod
     def _info(step: Snapshot) -> dict[str, Any]:
         record = step.state[0]
@@ -85,6 +99,15 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             "curvttc": float(step.curvttc[0]),
             "pedestrian_controlled": bool(record["controlled"]),
         }
+
+
+def check_render_mode(render_mode: str | None) -> None:
+    """Refuse a render mode other than "rgb_array" and None.
+
+    :raises InvalidInput: another render mode.
+    """
+    if render_mode not in (None, "rgb_array"):
+        raise InvalidInput(f"render_mode = {render_mode!r}: expected 'rgb_array' or None")
 
 
 def chosen_episode(options: dict[str, Any] | None) -> tuple[int, int] | None:

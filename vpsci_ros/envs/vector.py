@@ -11,7 +11,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from vpsci_ros.envs import task
-from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE
+from vpsci_ros.envs.rendering import Views
+from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, check_render_mode
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.policy_file import Policy
@@ -31,7 +32,11 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     :param num_envs: number of environments; other parameters as for `RightTurnEnv`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
 
     def __init__(
         self,
@@ -39,14 +44,17 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         scenarios: Iterable[int | str | Path] = range(1, 9),
         pedestrian: str = "policy",
         weights: str | Path | Policy = "people",
+        render_mode: str | None = None,
         config: WorldConfig | None = None,
     ) -> None:
-        self.num_envs = num_envs
+        check_render_mode(render_mode)
+        self.num_envs, self.render_mode = num_envs, render_mode
         self.single_observation_space, self.single_action_space = OBSERVATION_SPACE, ACTION_SPACE
         self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
         self.action_space = batch_space(ACTION_SPACE, num_envs)
         self._simulation = Simulation(scenarios, num_envs, pedestrian=pedestrian, weights=weights, config=config)
         self._tables = tables_from(self._simulation.scenarios, self._simulation.config.spawn)
+        self._views = Views(self._simulation.scenarios)
         self._last: Snapshot | None = None
 
     def reset(
@@ -98,6 +106,12 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
             fresh = task.observe(self._last.state, self._last.curvttc, self._tables)
             observation[over] = fresh[over]
         return observation, reward, terminated, truncated, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return the scenes from above, uint8[480, 480, 3] each, in render mode "rgb_array"; otherwise None."""
+        if self.render_mode is None or self._last is None:
+            return None
+        return tuple(self._views.image(record) for record in self._last.state)
 
     def _infos(self, step: Snapshot) -> Infos:
         everywhere = np.ones(self.num_envs, bool)
