@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from rich.console import Console
 
 from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
@@ -25,6 +24,7 @@ from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
+from vpsci_ros.runs.text_table import table_console
 
 
 def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
@@ -119,7 +119,7 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
             "software": software_versions(),
         }
         write_json(json_path, result | made_from)
-    print_errors(result, Console())
+    print_errors(result, table_console())
     if json_path is not None:
         print(f"written: {json_path}")
 

@@ -3,9 +3,17 @@
 from collections.abc import Iterable, Sequence
 
 from rich import box
+from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
+
+_WIDEST = 130  # characters of the widest table
+
+
+def table_console() -> Console:
+    """Return a console in which no table loses the ends of its cells; a narrow terminal breaks the lines itself."""
+    return Console(width=max(Console().width, _WIDEST))
 
 
 def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Padding:

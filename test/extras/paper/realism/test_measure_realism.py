@@ -18,7 +18,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
 from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
-from vpsci_ros.extras.paper.realism.measure_realism import drawn, measure_realism
+from vpsci_ros.extras.paper.realism.measure_realism import drawn, measure_realism, run_realism
 from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
@@ -67,6 +67,23 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(tmp_path:
     assert measure()["models"]["noisy"] == models["noisy"], "what was measured of other weights was kept"
     path.write_text(path.read_text()[:100])
     assert measure()["models"]["noisy"] == models["noisy"], "what is damaged was kept"
+
+
+def test_a_finished_run_is_printed_uncut_and_its_numbers_are_written_where_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    widths: list[int] = []
+    module = "vpsci_ros.extras.paper.realism.measure_realism"
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(f"{module}.measure_realism", lambda *_, **__: {"found": 1})
+    monkeypatch.setattr(f"{module}.print_realism", lambda _, console: widths.append(console.width))
+    for json_path in (None, tmp_path / "again.json"):
+        run_realism(
+            data=Path("right_turns/dev"), library=None, weights=None, people=None, dataset=None, held_out=False,
+            clean=False, onsets=2, seed=0, json_path=json_path, output=tmp_path / "run", quiet=True,
+        )  # fmt: skip
+    assert read_json(tmp_path / "again.json") == read_json(tmp_path / "run" / "realism.json")
+    assert widths == [130, 130], "of the widest table, in a terminal of 60 characters"
 
 
 def test_the_onsets_that_are_measured_can_be_capped_and_the_seed_draws_them(onsets: Onsets) -> None:

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from rich.console import Console
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
@@ -34,6 +32,7 @@ from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
+from vpsci_ros.runs.text_table import table_console
 
 RESULT = "realism.json"
 Notify = Callable[[str, int, int], None]
@@ -187,7 +186,10 @@ def run_realism(
     }
     run = None if output is None else RunFolder(output, Sections({"realism": resolved}), inputs)
     if output is not None and run is not None and run.done:
-        print_realism(json.loads((output / RESULT).read_text(encoding="utf-8")), Console())
+        result = json.loads((output / RESULT).read_text(encoding="utf-8"))
+        if json_path is not None:
+            write_json(json_path, result)
+        print_realism(result, table_console())
         print(f"{output} holds this run, finished; nothing was measured again")
         return
     with run or nullcontext(), Bars(quiet=quiet) as bars:
@@ -215,7 +217,7 @@ def run_realism(
             write_json(output / RESULT, result)
     if json_path is not None:
         write_json(json_path, result)
-    print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
+    print_realism(result, table_console())
     for path in (json_path, output):
         if path is not None:
             print(f"written: {path}")
