@@ -1,4 +1,4 @@
-"""The exam of a driving system: `exam.prepare` it, conduct it, and report its results.
+"""The exam of a driving system: prepare it, conduct it, and report its results.
 
 In reading order:
 

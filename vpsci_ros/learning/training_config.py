@@ -131,8 +131,8 @@ class PretrainConfig:
     episodes: int = parameter(400, "training iterations, one mini-batch each", low=1, high=10_000_000)
     held_out_clips: list[str] = parameter(
         [],
-        "clips held out of training: names source/clip, or their beginnings such as cqut-pvi/dev/; a beginning without "
-        "a clip is refused; empty: a fifth of the near misses, by whole clips; none: no clip",
+        "clips held out of training: SOURCE/CLIP, or a beginning such as cqut-pvi/dev/; [none]: no clip; empty: a "
+        "fifth of the near misses, by whole clips",
     )
     evaluate_every: int = constant(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = constant(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
@@ -170,7 +170,7 @@ class RefineConfig:
 
     objective: str = parameter(
         "closed_loop",
-        "objective of the actors: closed_loop, the gradient of what follows through the kinematics, and imitation in "
+        "objective of the actors: closed_loop, the gradient of the outcome through the kinematics, with imitation in "
         "closed loop as a constraint; ddpg, the critics' policy gradient; or an added one (docs/extending.md)",
     )
     refresh_every: int = parameter(20, "updates after which the acting policies get new weights", low=1, high=1_000_000)

@@ -76,12 +76,11 @@ def samples(
     """Repeat Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
 
     Prints rewards and critic losses of the training, and rewards and errors on
-    held-out clips, which are the same for all sizes, beside the last velocity
-    repeated. Writes table_3.csv, run.json and a folder for each
-    size. The same command resumes a stopped study (Ctrl-C); finished sizes
-    are not trained again.
+    held-out clips, which are the same for all sizes, beside two controls.
+    Writes table_3.csv, run.json and a folder for each size. The same command
+    resumes a stopped study (Ctrl-C); finished sizes are not trained again.
 
-    In full, with params/stage1_pretrain.yaml: hours on one core.
+    In full, with params/stage1_pretrain.yaml: six minutes on one core.
     For a test of a minute: --sizes 50,100 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run_studies import run_sample_study
