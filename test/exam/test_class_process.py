@@ -55,7 +55,8 @@ def drive(
     ("text", "said"),
     [
         ("import os; os._exit(0)", "while its module was imported, the ADS ended with exit status 0"),
-        (mine("") + "  def __init__(self):\n    raise SystemExit(0)", r"Mine\(\) cannot be made: SystemExit: 0"),
+        (mine("") + "  def __init__(self):\n    raise SystemExit(0)", r"Mine\(\) cannot be made: SystemExit: 0$"),
+        (mine("") + "  def __init__(self, car): pass", "'car'; the class of a driving system takes no argument"),
     ],
 )
 def test_a_class_that_cannot_be_made_is_refused_in_words(drive: Drive, text: str, said: str) -> None:

@@ -238,10 +238,8 @@ class Cockpit:
         try:
             self._drivers = [make() for _ in range(cars)]
         except (Exception, SystemExit) as error:
-            raise InvalidInput(
-                f"{getattr(make, '__name__', make)}() cannot be made: {said(error)}; the class of a driving system "
-                "takes no argument"
-            ) from error
+            hint = "; the class of a driving system takes no argument" if isinstance(error, TypeError) else ""
+            raise InvalidInput(f"{getattr(make, '__name__', make)}() cannot be made: {said(error)}{hint}") from error
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._tables = tables_from(scenarios, spawn)
 
