@@ -1,5 +1,6 @@
 """A policy trained with Stable-Baselines3 in the Gymnasium environment, then put to the exam as an ADS node.
 
+    pip install -c constraints.txt '.[ros,messages,rl,baselines]'
     python examples/trained_policy.py train out/policy.safetensors --steps 100000
     vpsci ads-test --params params/ads_test.yaml -o out/trained \
         --ads "python examples/trained_policy.py drive out/policy.safetensors"
@@ -41,6 +42,7 @@ HOLD = 2  # ticks for which an action holds: the environment's step of 0.1 s
 
 def train(path: Path, steps: int, scenarios: list[int], seed: int, pedestrian: str) -> None:
     """Train with PPO against a pedestrian of `RightTurnEnv`, and save the policy's weights."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     made = [lambda: RightTurnEnv(scenarios, pedestrian=pedestrian) for _ in range(ENVIRONMENTS)]
     model = PPO("MlpPolicy", DummyVecEnv(made), n_steps=256, batch_size=512, gamma=0.98, seed=seed, device="cpu")
     model.learn(steps)

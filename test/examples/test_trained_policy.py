@@ -38,7 +38,7 @@ def example(tool: Callable[..., ModuleType]) -> ModuleType:
 @pytest.fixture(scope="module")
 def weights(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A policy that has learned for a moment: it moves, and needs to do no more."""
-    path = tmp_path_factory.mktemp("trained") / "policy.safetensors"
+    path = tmp_path_factory.mktemp("trained") / "out" / "policy.safetensors"
     command = [str(PROGRAM), "train", str(path), "--steps", "512", "--scenarios", "1", "101"]
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sys, "argv", command)
