@@ -47,6 +47,16 @@ def test_intervals_of_a_few_clips_are_wide_however_many_interactions_these_have(
     assert 0.45 < rows["low"] < 0.48 < 0.52 < rows["high"] < 0.55
 
 
+def test_a_share_of_none_or_all_has_the_interval_of_that_many_units():
+    """Wilson's of 0 in n ends at z^2 / (n + z^2), that of n in n begins at n / (n + z^2); six rows, two clips."""
+    table, z2 = encounters([1.0] * 6, groups=["a", "b"] * 3), 1.959964**2
+    rows, clips = (describe(table, clustered=c) for c in (False, True))
+    assert [(found["conflict"]["low"], found["conflict"]["high"]) for found in (rows, clips)] == [
+        pytest.approx((n / (n + z2), 1.0)) for n in (6, 2)
+    ]
+    assert rows["vehicle_yields"] == {"value": 0.0, "low": 0.0, "high": pytest.approx(z2 / (6 + z2))}
+
+
 def test_two_clips_differ_by_the_distance_between_them_and_one_clip_by_nothing_known():
     """Either clip is one half: 1, 1 and 2, 2 differ by the whole distribution function and by 1 s, in every draw."""
     found = between_halves(encounters([1.0, 1.0, 2.0, 2.0], groups=["a", "a", "b", "b"]))

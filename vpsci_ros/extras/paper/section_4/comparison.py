@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.evaluation.statistics import interval, resamples
+from vpsci_ros.evaluation.statistics import interval, resamples, wilson_interval
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,8 @@ SHARES = ("conflict", "vehicle_yields", "pedestrian_yields")
 def describe(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, Any]:
     """Return statistics of a table of interactions; every estimate is {"value", "low", "high"}.
 
-    Keys: interactions, groups; least_curvttc, its quartiles [s] as a list of three; and the shares `SHARES`.
+    Keys: interactions, groups; least_curvttc, its quartiles [s] as a list of three; and the shares `SHARES`. A share of
+    0 or 1, which no resample changes, has Wilson's interval for as many trials as there are units.
 
     :param encounters: at least one row of `vpsci_ros.extras.paper.section_4.encounters.SCHEMA`.
     :param clustered: resample the column `group` rather than interactions.
@@ -42,6 +43,9 @@ def describe(encounters: pl.DataFrame, *, clustered: bool) -> dict[str, Any]:
     for name in SHARES:
         flag = table[name].to_numpy().astype(np.float64)
         found[name] = _estimate(float(flag.mean()), [float(w @ flag) for w in draws])
+        if found[name]["value"] in (0.0, 1.0):
+            units = found["groups"] if clustered else table.height
+            found[name]["low"], found[name]["high"] = wilson_interval(round(found[name]["value"] * units), units)
     return found
 
 
