@@ -100,6 +100,13 @@ def test_pairs_are_resampled_as_pairs():
     assert found.high == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("pairs", [0, 1])
+def test_a_difference_of_fewer_than_two_pairs_is_not_known(pairs: int) -> None:
+    found = resampled_difference(np.ones(pairs), np.zeros(pairs), mean)
+    assert found.n == pairs
+    assert [math.isnan(number) for number in found[:3]] == [True] * 3
+
+
 def test_clusters_are_drawn_whole_and_as_often_as_there_are_clusters():
     clusters = np.array(["a", "b", "a", "c", "c", "c"])
     counts = cluster_counts(clusters, seed=1, count=50)

@@ -165,9 +165,12 @@ def resampled(values: Floats, statistic: Statistic, seed: int = 0) -> Estimate:
 
 
 def resampled_difference(first: Floats, second: Floats, statistic: Statistic, seed: int = 0) -> Estimate:
-    """Return statistic(first) - statistic(second) with its interval; both are float64[n], resampled as pairs."""
-    if len(first) == 0:
-        return NOTHING
+    """Return statistic(first) - statistic(second) with its interval; both are float64[n], resampled as pairs.
+
+    NaN for a single pair: all its resamples are equal, so that any difference would seem certain.
+    """
+    if len(first) < 2:
+        return NOTHING._replace(n=len(first))
     rows = np.stack(list(resamples(len(first), seed)))
     value = float(statistic(first) - statistic(second))
     return Estimate(value, *interval(statistic(first[rows]) - statistic(second[rows])), len(first))
