@@ -114,7 +114,12 @@ def ads_protocol(
 def ads_socket(
     output: ExamFolder,
     params: Params = Path("ads_test"),
-    ads: Ads = None,
+    ads: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COMMAND", help="Command that starts the program; 'external' with --port if you start it yourself."
+        ),
+    ] = None,
     port: Annotated[
         int,
         typer.Option(min=0, max=65_535, help="Port on 127.0.0.1; 0: a free one, passed in VPSCI_ADS_PORT."),
