@@ -9,7 +9,7 @@ PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
 ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
-	extras/formats/test_carla_map.py extras/formats/test_mp4.py extras/paper extras/exam_extra extras/drive/test_run.py \
+	extras/formats/test_carla_map.py extras/formats/test_mp4.py extras/paper extras/exam_extra extras/drive/test_person_exam.py \
 	examples/test_trained_policy.py examples/test_cluster_files.py runs/test_cluster.py extending/test_network.py test_site.py test_without_extras.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
 COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(PYTEST) -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py

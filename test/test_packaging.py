@@ -135,6 +135,14 @@ def constraints() -> dict[str, list[str]]:
     return pins
 
 
+def test_each_test_that_make_test_leaves_to_make_test_engines_is_there():
+    """Pytest runs nothing at all where one of the paths that it is given is missing."""
+    named = re.search(r"ENGINE_TESTS := \$\(addprefix test/,(.*?)\)\n", (ROOT / "Makefile").read_text(), re.DOTALL)
+    paths = named[1].replace("\\\n", " ").split()
+    assert len(paths) > 10
+    assert [path for path in paths if not (ROOT / "test" / path).exists()] == []
+
+
 def test_every_entry_point_of_the_installed_package_loads():
     scripts = [script for script in entry_points(group="console_scripts") if script.value.startswith("vpsci_ros")]
     assert sorted(script.name for script in scripts) == sorted([*SETUP["EXECUTABLES"], "vpsci"])
