@@ -81,7 +81,7 @@ def test_it_walks_in_the_gymnasium_environment_and_generate_refuses_it_by_name(i
     seen = [env.step(np.zeros(2, np.float32))[0] for _ in range(40)]
     assert np.isfinite(seen).all()
     sections = load(params_dir() / "stage3_generate.yaml", ["pedestrian_policy.agent=freezing"])
-    with pytest.raises(InvalidInput, match="pedestrian_policy.agent = freezing: a dataset is made by learned policies"):
+    with pytest.raises(InvalidInput, match="pedestrian_policy.agent = freezing: a dataset is made by a bank"):
         job_from(sections)
     with pytest.raises(InvalidInput, match="pedestrian = 'frozen': expected one of .*social_force, freezing"):
         gymnasium.make("vpsci_ros.envs:vpsci_ros/RightTurn-v0", pedestrian="frozen")

@@ -20,7 +20,8 @@ def test_the_datasheet_of_one_pedestrian_says_so(made: Path) -> None:
     text = (made / "README.md").read_text()
     assert "24 episodes of one car turning right and one pedestrian crossing, in 2 scenarios" in text
     assert "- One vehicle of one type and one pedestrian; no other traffic, signals, weather or occlusion.\n" in text
-    assert "Both road users are learned policies from the moment a collision is near (CurvTTC below 5 s)" in text
+    acts = "Both road users act by `random` from the moment a collision is near (CurvTTC below 5 s), and by"
+    assert f"{acts} rules before." in text
 
 
 def test_the_datasheet_of_a_crowd_among_parked_vehicles_says_so(made: Path) -> None:

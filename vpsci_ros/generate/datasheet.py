@@ -45,7 +45,7 @@ def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> 
         people="one pedestrian" if several == 1 else f"one to {_NUMBERS[several]} pedestrians",
         several=several > 1,
         parked=[scenario.name for scenario in scenarios if len(scenario.parked)],
-        drivers=_drivers("All" if several > 1 else "Both", list(description["weights"])),
+        drivers=_drivers("All" if several > 1 else "Both", description["weights"]),
         reasons=REASONS[1:],
         table_10=TABLE_10,
         published=LEAST_CURVTTC,
@@ -55,10 +55,10 @@ def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> 
     )
 
 
-def _drivers(everybody: str, learned: Sequence[str]) -> str:
-    """Return in words the agents that act by a policy while CurvTTC is critical."""
-    if not learned:
+def _drivers(everybody: str, weights: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return in words which agents act by which bank or weights while CurvTTC is critical."""
+    if not weights:
         return f"{everybody} road users are rule-based"
-    return (
-        f"{everybody} road users are learned policies" if len(learned) > 1 else f"The {learned[0]} is a learned policy"
-    )
+    act = f"{everybody} road users act" if len(weights) > 1 else f"The {next(iter(weights))} acts"
+    names = dict.fromkeys(f"`{entry['name']}`" for entry in weights.values())
+    return f"{act} by {' and '.join(names)}"

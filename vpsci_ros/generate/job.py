@@ -150,7 +150,7 @@ def job_from(
 def _policy(config: PolicyConfig, where: str) -> Policy:
     if config.agent != LEARNED:
         raise InvalidInput(
-            f"{where}.agent = {config.agent}: a dataset is made by learned policies alone; run this one by "
+            f"{where}.agent = {config.agent}: a dataset is made by a bank or weights alone; run this one by "
             "`vpsci graph` and make tables of its bag by `vpsci bag export`"
         )
     if not config.weights:
