@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.extras.formats.exporters import export
+from vpsci_ros.policy.choice import MARGIN
 from vpsci_ros.safety import clearance
 
 BAGS = Path(__file__).parents[2] / "bags"
@@ -44,7 +45,7 @@ def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_c
     assert passed[:, 3].min() > 4.9, "nobody stands in its lane when it passes"
     assert 0.0 <= stopped[:, 3].min() < 0.5, "IDM stops, and does not drive backwards"
     for rows in (passed, stopped):
-        assert clearance(*rows.T[:3], *rows.T[4:6], length=5.0, width=2.0).min() > 0.5
+        assert clearance(*rows.T[:3], *rows.T[4:6], length=5.0, width=2.0).min() > MARGIN
         assert rows[-1, 5] > 2.5, "across"
         assert len(rows) == 375, "25 s at 15 steps a second"
     walked = np.hypot(stopped[:, 6], stopped[:, 7])
