@@ -22,6 +22,7 @@ from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.comparison import Earlier, compare, failing
 from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.junit import write_junit
@@ -305,6 +306,18 @@ def test_a_baseline_without_an_episode_in_common_is_refused_and_a_pedestrian_wit
     write_summary(tmp_path, report, failing(report, rows(1)), "")
     said = "Not compared, for want of an episode in common: walker, does not react\n"
     assert said in (tmp_path / "summary.md").read_text()
+
+
+def test_what_a_single_episode_in_common_cannot_show_is_said(tmp_path: Path) -> None:
+    one = rows(1).filter(pl.col("episode") == 1)
+    report = {"exam": {"ads": "new.py"}, "failures": [], "alone": None, "timing": None,
+              "drivers": {"ads": {"walker": {}}},
+              "against": compare(one, Earlier(Path("out/old"), "old.py", one), exam())}  # fmt: skip
+    write_summary(tmp_path, report, failing(report, one), "")
+    assert "walker, does not react: nothing is known, for they are too few\n" in (tmp_path / "summary.md").read_text()
+    criterion = parse("time_lost_change_low > 0", ["walker"], compared=True)
+    (verdict,) = check([criterion], report, ["walker"])
+    assert (verdict["failed"], verdict["why"]) == (True, "too few episodes that count in both exams")
 
 
 def test_the_workflow_of_the_page_examines_and_then_compares(

@@ -101,6 +101,8 @@ def _without_value(report: Mapping[str, Any], measure: str, pedestrian: str) -> 
     """Return the reason for which a measure would have no value."""
     if pedestrian not in report["drivers"].get(ADS, {}):
         return "no episode was driven"
+    if measure in CHANGES:
+        return "too few episodes that count in both exams"
     return MEASURES[measure].none if measure in MEASURES else "not measured"
 
 

@@ -56,7 +56,8 @@ def _changes(found: Mapping[str, Any]) -> Iterator[str]:
     yield "\nWhat these episodes can see (in 4 of 5 exams):\n"
     for name, row in found["pedestrians"].items():
         seen = {MEASURES[measure].title: can_see(row["differences"][measure], measure) for measure in _SHOWN}
-        yield f"- {title_of(name)}: {'; '.join(f'{text} in {title}' for title, text in seen.items() if text)}"
+        told = "; ".join(f"{text} in {title}" for title, text in seen.items() if text)
+        yield f"- {title_of(name)}: {told or 'nothing is known, for they are too few'}"
     if names := found["not_compared"]:
         yield f"\nNot compared, for want of an episode in common: {', '.join(map(title_of, names))}"
 
