@@ -58,7 +58,7 @@ def test_a_commonroad_planner_drives_an_exported_scenario_before_our_pedestrian_
 ) -> None:
     pytest.importorskip("commonroad_rp", reason="run apart by make test, with .venv/commonroad on the path")
     commonroad = tool("commonroad_crossing", "examples")
-    (bag,) = BAGS.glob("LocationA_PedCross_N-S")
+    (bag,) = BAGS.glob("LocationA_PedCross_E-W")
     export(bag, ["commonroad"], tmp_path / "out")
     (path,) = (tmp_path / "out/commonroad").glob("*.xml")
     ours, replayed = (commonroad.play(str(path), reacts, 4.0)[0] for reacts in (True, False))
