@@ -213,7 +213,8 @@ def drive(latency: float | None) -> None:
         answer = VehicleControl(tick=tick.number, steer=steer, throttle=throttle, brake=brake)
         answer.header.stamp.sec, answer.header.stamp.nanosec = header.seconds, header.nanoseconds
         answer.header.frame_id = header.frame_id
-        command.publish(answer)
+        if rclpy.ok():  # it was not shut down while it planned
+            command.publish(answer)
 
     node.create_subscription(WorldState, "world/state", on_state, 10, raw=True)
     if latency is not None:

@@ -3,6 +3,8 @@
 Each worker is first asked for what results depend on (`cluster_worker.facts`) and makes the job; one that differs or
 refuses is left out and named. This process alone writes: at most two results and the units in flight are in its memory.
 A unit whose worker dies is done again elsewhere, up to `MOST_DEATHS` times; then it is named, and the rest goes on.
+Nobody knows which of its units a worker was computing as it died, for the last answers may be lost with it. So each of
+them is done again on a worker that has nothing else to do: only the unit that kills is there when that one dies, too.
 """
 
 import contextlib
@@ -93,7 +95,7 @@ def _connected(address: str) -> "Client":
 
 @dataclass(eq=False)
 class _Task(Generic[Unit]):
-    """A submitted unit: its worker and future, once it has them, and how many workers died at it."""
+    """A submitted unit: its worker and future, once it has them, and how many workers died that had it."""
 
     unit: Unit
     worker: str = ""
@@ -200,6 +202,7 @@ class ClusterWorkers(Generic[Unit, Result]):
             return [(task.unit, result)]
         if not answer:
             self._leave(task.worker)  # and ask it again
+        self._deaths += bool(answer)
         self._again(task, f"its process {answer}" if answer else "")
         return []
 
@@ -254,7 +257,7 @@ class ClusterWorkers(Generic[Unit, Result]):
             self._hosts[host] += member.slots
 
     def _leave(self, worker: str) -> None:
-        """Forget a worker, and have its units done again; those that it was computing count as its deaths."""
+        """Forget a worker, and have its units done again."""
         self._left_out.pop(worker, None)
         self._asked.pop(worker, None)
         member = self._members.pop(worker, None)
@@ -262,11 +265,13 @@ class ClusterWorkers(Generic[Unit, Result]):
             return
         self._hosts.subtract({member.host: member.slots})
         self._left_out = {name: why for name, why in self._left_out.items() if why != _HOST_TAKEN}
-        for place, task in enumerate([task for task in self._running if task.worker == worker]):
+        lost = [task for task in self._running if task.worker == worker]
+        self._deaths += bool(lost)
+        for task in lost:
             self._running.remove(task)
             assert task.future is not None
             task.future.cancel()
-            self._again(task, f"worker {worker} on {member.host} was lost" if place < member.slots else "")
+            self._again(task, f"worker {worker} on {member.host} was lost")
 
     def _again(self, task: _Task[Unit], death: str) -> None:
         """Queue a unit again, or give it up.
@@ -274,7 +279,6 @@ class ClusterWorkers(Generic[Unit, Result]):
         :param death: how the worker died at it; empty: it did not.
         """
         task.deaths += bool(death)
-        self._deaths += bool(death)
         if task.deaths < MOST_DEATHS or 2 * task.deaths <= self._deaths:  # most workers died at others: not its fault
             self._queue.appendleft(task)
             return
@@ -282,13 +286,19 @@ class ClusterWorkers(Generic[Unit, Result]):
         self._say(f"given up: {self._lost[-1]}")
 
     def _hand_out(self) -> None:
-        """Send queued units to the workers with the least to do, at most two for each that it computes at a time."""
+        """Send queued units to the workers with the least to do, at most two for each that it computes at a time.
+
+        A unit that a worker died with gets a worker for itself.
+        """
         load = Counter(task.worker for task in self._running)
-        while self._queue and self._members:
-            worker = min(self._members, key=lambda name: load[name] / self._members[name].slots)
-            if load[worker] >= (1 if self._whole_host else 2) * self._members[worker].slots:
+        alone = {task.worker for task in self._running if task.deaths}
+        while self._queue and (free := self._members.keys() - alone):
+            worker = min(sorted(free), key=lambda name: load[name] / self._members[name].slots)
+            most = 1 if self._queue[0].deaths or self._whole_host else 2 * self._members[worker].slots
+            if load[worker] >= most:
                 return
             task = self._queue.popleft()
+            alone |= {worker} if task.deaths else set()
             task.worker, load[worker] = worker, load[worker] + 1
             self._running.append(task)
             task.future = self._sent(task, worker, compute, pickle.dumps(task.unit))
