@@ -59,13 +59,13 @@ class Backwards:
 
     size, spare = 4, 1
 
-    def __init__(self, job: Callable[[], Callable[[conduct.Order], None]]) -> None:
-        self._do, self._units = job(), list[conduct.Order]()
+    def __init__(self, job: Callable[[], Callable[[conduct.TimedRun], None]]) -> None:
+        self._do, self._units = job(), list[conduct.TimedRun]()
 
-    def submit(self, unit: conduct.Order) -> None:
+    def submit(self, unit: conduct.TimedRun) -> None:
         self._units.append(unit)
 
-    def collect(self) -> list[tuple[conduct.Order, None]]:
+    def collect(self) -> list[tuple[conduct.TimedRun, None]]:
         unit = self._units.pop()
         return [(unit, self._do(unit))]
 
@@ -99,10 +99,10 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
 def test_the_workers_of_the_empty_road_drive_the_pedestrians_too(
     small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Timing comes between the two, and travels with each order: workers whose job had it would have to start anew."""
-    started: list[Serial[conduct.Order, None]] = []
+    """Timing comes between the two, and travels with each run: workers whose job had it would have to start anew."""
+    started: list[Serial[conduct.TimedRun, None]] = []
 
-    def serial(job: Callable[[], Callable[[conduct.Order], None]], _: int) -> Serial[conduct.Order, None]:
+    def serial(job: Callable[[], Callable[[conduct.TimedRun], None]], _: int) -> Serial[conduct.TimedRun, None]:
         started.append(Serial(job))
         return started[-1]
 

@@ -5,11 +5,13 @@ Jobs of these tests are functions of this file, which travels by value: it is in
 
 import contextlib
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -22,7 +24,9 @@ pytest.importorskip("distributed")
 import cloudpickle
 
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.runs.cluster import DaskCluster
+from vpsci_ros.runs import cluster
+from vpsci_ros.runs.cluster import ClusterWorkers, DaskCluster
+from vpsci_ros.runs.cluster_worker import compute
 from vpsci_ros.runs.workers import Place, Work, Workers, computed
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
@@ -97,6 +101,82 @@ workers = test_cluster.started(cluster, Path({str(signs)!r}), {seconds}{options}
 def test_what_is_neither_a_file_nor_an_address_with_a_port_is_refused_in_words(tmp_path: Path, address: str) -> None:
     with pytest.raises(InvalidInput, match=f"--cluster {address}: no such scheduler file, and no address with a port"):
         DaskCluster(address).start(Work(partial(squares, tmp_path, 0.0), tmp_path))
+
+
+class FakeFuture:
+    """A unit at a worker; what is called when it is done, is called at once if its worker answers."""
+
+    def __init__(self, answer: Any) -> None:
+        self._answer = answer
+
+    def add_done_callback(self, done: Callable[[Any], None]) -> None:
+        if self._answer is not None:
+            threading.Thread(target=done, args=(self,), daemon=True).start()
+
+    def result(self) -> Any:
+        return self._answer
+
+    def cancel(self) -> None:
+        self._answer = None
+
+    release = cancel
+
+
+class FakeClient:
+    """A client of four workers: one that gets unit 5 dies, with all answers that it has not given yet.
+
+    :ivar sent: worker -> the units that it has got.
+    """
+
+    status = "running"
+
+    def __init__(self) -> None:
+        self.sent: dict[str, list[int]] = {f"worker-{number}": [] for number in range(4)}
+
+    def nthreads(self) -> dict[str, int]:
+        return {name: 1 for name, units in self.sent.items() if 5 not in units}
+
+    def submit(self, function: Callable[..., Any], _: str, data: bytes, *, workers: list[str], **__: Any) -> FakeFuture:
+        if function is not compute:
+            return FakeFuture((workers[0], workers[0], 1, ""))
+        unit = pickle.loads(data)
+        self.sent[workers[0]].append(unit)
+        first_of_two = unit == 4 and len(self.sent[workers[0]]) == 1 and not any(5 in got for got in self.sent.values())
+        answer = pickle.dumps((unit, []))
+        return FakeFuture(None if unit == 5 or first_of_two else answer)
+
+    def cancel(self, futures: list[FakeFuture]) -> None:
+        del futures
+
+    def run(self, *_: Any, **__: Any) -> None:
+        return None
+
+    def close(self, _: float) -> None:
+        self.status = "closed"
+
+
+def test_a_unit_whose_answer_was_lost_with_its_worker_is_not_blamed_for_what_the_next_unit_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unit 4 was done, and unit 5 kills the worker: both had it. Each is done again alone, and only 5 kills again."""
+    monkeypatch.setattr(cluster, "PATIENCE", 30.0)
+    client = FakeClient()
+    client.sent = {"worker-0": []}
+    workers: ClusterWorkers[int, int] = ClusterWorkers(client, "", b"", tmp_path, False, Counter())  # type: ignore[arg-type]
+    workers.submit(4)
+    workers.submit(5)
+    assert client.sent == {"worker-0": [4, 5]}
+    client.sent |= {f"worker-{number}": [] for number in (1, 2, 3)}
+    waiting = iter(range(6, 9))
+    with pytest.raises(VpsciError, match=r"^5 killed 3 workers") as error:
+        while True:
+            workers.collect()
+            if (unit := next(waiting, None)) is not None:
+                workers.submit(unit)
+    assert "4 killed" not in str(error.value)
+    assert sum(5 in units for units in client.sent.values()) == 3
+    assert sum(4 in units for units in client.sent.values()) == 2
+    workers.close()
 
 
 def test_results_and_files_come_back_and_nothing_is_left_there(two: LocalCluster, signs: Path) -> None:

@@ -87,8 +87,7 @@ class ClassProcess:
     def _received(self, patience: float) -> Any:
         """Return what the process says next.
 
-        :raises ValueError: the process has ended or is silent, or its message is no JSON or not the next one; `_ended`
-            is the reason, unless it is the JSON.
+        :raises ValueError: the message is no JSON; or there is none that was asked for, and `_ended` says why.
         """
         deadline = time.monotonic() + patience
         while not self._connection.poll(_LOOK):

@@ -43,10 +43,10 @@ class Run(NamedTuple):
         return label_of(self.pedestrian, self.part)
 
 
-class Order(NamedTuple):
-    """What a worker is told to drive.
+class TimedRun(NamedTuple):
+    """A run with the timing of its pedestrians, which is known only after the run on the empty road.
 
-    :ivar head_starts: of the episodes of the run, see `Exam`.
+    :ivar head_starts: of its episodes.
     :ivar title: label of the run in the progress; empty: the run is quiet.
     """
 
@@ -97,7 +97,7 @@ def _driven(
     parts: Sequence[Exam],
     folder: Path,
     site: Site,
-    pool: Callable[[], Workers[Order, None]],
+    pool: Callable[[], Workers[TimedRun, None]],
     quiet: bool,
     what: str,
     pedestrians: Sequence[str],
@@ -111,13 +111,13 @@ def _driven(
     def take(run: Run) -> None:
         found[run] = read_result(folder, run.pedestrian, run.part)
 
-    def following() -> Order | None:
+    def following() -> TimedRun | None:
         while all(result.episodes for result in found.values()) and (numbered := next(waiting, None)):
             number, run = numbered
             if not is_done(own[run.part], folder, run.pedestrian):
                 shutil.rmtree(run_folder(folder, run.pedestrian, run.part), ignore_errors=True)
                 title = f"{what}{number} of {len(runs)}" if site.alone and not quiet else ""
-                return Order(run, own[run.part].head_starts, title)
+                return TimedRun(run, own[run.part].head_starts, title)
             take(run)
         return None
 
@@ -125,11 +125,11 @@ def _driven(
     if todo:
         units = computed(pool(), lambda: todo.pop() if todo else following(), ahead=False)
         with Bars(quiet=quiet or site.alone, where=site.hosts) as bars:
-            for order, _ in units:
-                take(order.run)
+            for timed, _ in units:
+                take(timed.run)
                 done = sum(own[each.part].run.total for each in found)
                 wanted = sum(part.run.total for part in own) * len(pedestrians)
-                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(order.run.pedestrian)}")
+                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(timed.run.pedestrian)}")
                 bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
     empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
     taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
@@ -141,18 +141,18 @@ def _of(part: Exam, head_starts: HeadStarts) -> HeadStarts:
     return {key: head_starts[key] for key in part.episodes if key in head_starts}
 
 
-def conductor(parts: Sequence[Exam], digests: Sequence[str], place: Place) -> Callable[[Order], None]:
+def conductor(parts: Sequence[Exam], digests: Sequence[str], place: Place) -> Callable[[TimedRun], None]:
     """Return a function that does a `Run`, one part of an exam with one pedestrian, whose result is in its files.
 
     :param digests: `exam_digest` of each part, where the exam was prepared.
     """
     own = [arrived(part, place) for part in parts]
 
-    def conduct(order: Order) -> None:
-        run = order.run
-        exam, digest = dataclasses.replace(own[run.part], head_starts=order.head_starts), digests[run.part]
+    def conduct(timed: TimedRun) -> None:
+        run = timed.run
+        exam, digest = dataclasses.replace(own[run.part], head_starts=timed.head_starts), digests[run.part]
         with domain_of(exam):
-            run_with(exam, run.pedestrian, place.folder, order.title, quiet=not order.title, digest=digest)
+            run_with(exam, run.pedestrian, place.folder, timed.title, quiet=not timed.title, digest=digest)
 
     return conduct
 

@@ -39,6 +39,7 @@ _CHECKED_AGAIN = ("fail_if", "failure", "allow_standing")  # parameters that may
 SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
 HeadStarts = Mapping[Key, tuple[float, float]]
+"""(scenario, episode) -> head start of the pedestrians, and for how long they have walked straight on since [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Exam:
     :ivar files: name -> SHA-256 of each file of the driving system.
     :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
         gets the log and the patience for an answer [s]. None: the system of `config` drives.
-    :ivar head_starts: (scenario, episode) -> head start of the pedestrians, and time straight on [s] (`exam.timing`).
+    :ivar head_starts: see `HeadStarts`; they come from `exam.timing`.
     """
 
     sections: Sections

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.exam import Exam, HeadStarts
 from vpsci_ros.exam.exam_config import OWN_TIMING, title_of
 from vpsci_ros.exam.recorded_people import FAR
 from vpsci_ros.runs.files import write_json
@@ -242,8 +242,8 @@ def _within(starts: Floats, share: float) -> float:
     return float(starts.min() + share * (starts.max() - starts.min()))
 
 
-def head_starts(timing: Timing) -> dict[Key, tuple[float, float]]:
-    """Return (scenario, episode) -> head start, and time straight on [s]; see `Exam.head_starts`."""
+def head_starts(timing: Timing) -> HeadStarts:
+    """Return the head starts of a timing, see `HeadStarts`."""
     return {key: (timed.head_start, timed.straight) for key, timed in timing.items()}
 
 
