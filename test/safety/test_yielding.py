@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.safety import CRITICAL_TTC, Yielded, curvttc, who_yielded
+from vpsci_ros.safety import CRITICAL_TTC, Yielded, curvttc, who_goes_first, who_yielded
 
 DT = 0.1
 STEPS = 120
@@ -64,3 +64,22 @@ def test_a_padded_batch_is_its_episodes_one_by_one():
     got = who_yielded(*batch, dt=DT, lengths=[len(episode[0]) for episode in episodes])
     np.testing.assert_array_equal(got, [who_yielded(*episode, dt=DT) for episode in episodes])
     assert set(got) == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    ("series", "first"),
+    [(CAR_STOPS, 1.0), (CAR_SLOWS, 1.0), (WALKER_STOPS, 0.0), (WALKER_WAITS, 0.0), (NOBODY, 0.0), (BOTH_STOP, np.nan)],
+    ids=["car stops", "car slows", "walker stops", "walker waits", "nobody", "both stop"],
+)
+def test_the_first_at_the_crossing_goes_first_and_it_is_open_where_both_stop_before_it(series, first):
+    x, y, heading, _, ped_x, ped_y = series[:6]
+    np.testing.assert_array_equal(who_goes_first(x, y, heading, ped_x, ped_y), first)
+
+
+def test_who_goes_first_in_a_padded_batch_is_that_of_its_episodes():
+    chosen, ends = [0, 1, 2, 4, 5], (STEPS, 70, 90)
+    batch = np.full((5, 3, STEPS), np.nan)
+    for row, episode in enumerate((CAR_STOPS, WALKER_STOPS, NOBODY)):
+        for k, column in enumerate(chosen):
+            batch[k, row, : ends[row]] = episode[column][: ends[row]]
+    assert who_goes_first(*batch, lengths=ends).tolist() == [1.0, 0.0, 0.0]

@@ -1,6 +1,7 @@
 """Recorded onsets, the first steps with `curvttc_causal` below 5 s, with up to 1 s before and 3 s after each."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -10,7 +11,7 @@ from vpsci_ros.data.interactions import Interactions, from_rows
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import Units, units_of
-from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.safety import CRITICAL_TTC, who_goes_first
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
@@ -18,6 +19,18 @@ Floats = NDArray[np.float64]
 
 STEPS = 30  # after the onset, 3 s
 HISTORY = 10  # before it, where there are so many
+
+
+class Other(NamedTuple):
+    """What one agent does from the onset on, in place of what a simulator has it do.
+
+    :ivar agent: "vehicle" or "pedestrian".
+    :ivar acceleration: [m/s2] along its way, the vehicle's with the curvature of the onset, until it stands; -infinity:
+        it stands at once; None: its recorded accelerations.
+    """
+
+    agent: str
+    acceleration: float | None = None
 
 
 @dataclass(frozen=True)
@@ -28,13 +41,18 @@ class Onsets:
         steps later, and `curvttc` is causal.
     :ivar number: int64[N], the interaction in the near-miss table.
     :ivar size: float64[N, 2], length and width of the vehicle [m].
+    :ivar pedestrian_first: float64[N], who goes first from the onset to the end of the whole recorded track, see
+        `safety.who_goes_first`.
     :ivar late: the accelerations before the onset are known as a sensor has them, see `protocols.known_actions`.
+    :ivar other: an agent that a simulator does not move, and what it does; None: the simulator moves both.
     """
 
     interactions: Interactions
     number: NDArray[np.int64]
     size: Floats
+    pedestrian_first: Floats
     late: bool = False
+    other: Other | None = None
 
     def __len__(self) -> int:
         return len(self.number)
@@ -68,7 +86,8 @@ class Onsets:
 
     def take(self, rows: NDArray[np.int64]) -> "Onsets":
         """Return the onsets with the indices `rows`, in this order."""
-        return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows], self.late)
+        taken = self.interactions.take(rows), self.number[rows], self.size[rows], self.pedestrian_first[rows]
+        return Onsets(*taken, self.late, self.other)
 
 
 def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
@@ -108,4 +127,6 @@ def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
     begins = (np.cumsum(interactions.length) - interactions.length).tolist()
     sizes = np.array([size_of(rows[begin : begin + 1]) for begin in begins])
     number = rows["interaction"].to_numpy()[begins]
-    return Onsets(replace(interactions, last=interactions.first + STEPS), number, sizes)
+    after = from_rows(table.filter((recorded & (step >= onset)).over("interaction")), "curvttc_causal")
+    first = who_goes_first(*np.moveaxis(after.motion[..., [0, 1, 2, 5, 6]], 2, 0), lengths=after.length)
+    return Onsets(replace(interactions, last=interactions.first + STEPS), number, sizes, first)

@@ -1,5 +1,6 @@
 """Models that predict the next step of a near miss, under one interface: the learned policies, and the controls."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -151,19 +152,29 @@ class PeoplePredictor:
     :param clip: object[N], "source/clip" of each interaction, see `sources_for`.
     :param seed: of the draws; row i draws as episode i of scenario 0.
     :param people: the source whose reactions are replayed in all interactions; empty: see `sources_for`.
+    :param agents: who acts; the other one is exchanged (`simulators.exchange`), and its choices cost nothing.
     :raises InvalidInput: the bank does not have the source `people`.
     """
 
     tracked_steps = TRACKED_STEPS
 
-    def __init__(self, bank: Bank, clip: NDArray[np.object_], seed: int = 0, people: str = "") -> None:
-        self._people = sources_for(bank, clip, people)
+    def __init__(
+        self,
+        bank: Bank,
+        clip: NDArray[np.object_],
+        seed: int = 0,
+        people: str = "",
+        agents: Sequence[str] = AGENTS,
+    ) -> None:
+        self._people, self._agents = sources_for(bank, clip, people), [AGENTS.index(agent) for agent in agents]
         self._bank, self._seed = bank, seed
 
     def begin(self, count: int) -> None:
         """Prepare for `count` interactions, see `Predictor.begin`."""
         self._replays = {
-            name: [ReactionReplay(self._bank.of(name), agent, count, keeps_lane=False) for agent in range(len(AGENTS))]
+            name: [
+                (agent, ReactionReplay(self._bank.of(name), agent, count, keeps_lane=False)) for agent in self._agents
+            ]
             for name in np.unique(self._people)
         }
         self._key, self._steps = keys(count, self._seed, 0, np.arange(count)), 0
@@ -186,7 +197,7 @@ class PeoplePredictor:
         out = np.zeros((2, len(active), 2))
         for name, replays in self._replays.items():
             rows = active & self._begun & (self._people == name)
-            for agent, replay in enumerate(replays):
+            for agent, replay in replays:
                 out[agent] += replay.step(situations, self._key, reset, rows)
         return out[0].astype(np.float32), out[1].astype(np.float32)
 

@@ -13,6 +13,7 @@ ADE (30) and FDE (31) are means over both agents. RMSE (29) pools all steps, in 
 recorded step in reconstruction, of the predicted step in closed loop.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import FadingAcceleration, Predictor
+from vpsci_ros.evaluation.predictors import Actions, FadingAcceleration, Predictor
 from vpsci_ros.evaluation.roll_out import Seen, roll_out
 from vpsci_ros.evaluation.scene import scene_at
 from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame
@@ -160,10 +161,16 @@ def known_actions(
 
 
 @torch.no_grad()
-def closed_loop_trajectories(model: Predictor, interactions: Interactions, late: bool = False) -> NDArray[np.float64]:
+def closed_loop_trajectories(
+    model: Predictor,
+    interactions: Interactions,
+    late: bool = False,
+    exchange: Callable[[Seen, Actions], Actions] = lambda _, actions: actions,
+) -> NDArray[np.float64]:
     """Return the predicted motion after the first critical step, float64[N, H, 9], rows as in `Interactions.motion`.
 
     :param late: the model gets the accelerations before that step as a sensor has them, see `known_actions`.
+    :param exchange: returns what is executed in place of the model's accelerations, see `simulators.exchange`.
     """
     n = len(interactions)
     model.begin(n)
@@ -181,7 +188,7 @@ def closed_loop_trajectories(model: Predictor, interactions: Interactions, late:
     def act(seen: Seen) -> dict[str, torch.Tensor]:
         active = seen.step < steps
         views = [seen.observation[agent].numpy().astype(np.float32) for agent in AGENTS]
-        answers = model.act(views[0], views[1], seen.curvttc.numpy() if seen.step else ttc, active)
+        answers = exchange(seen, model.act(views[0], views[1], seen.curvttc.numpy() if seen.step else ttc, active))
         model.executed(answers, active)
         done = (torch.from_numpy(np.where(active[:, None], answer, 0).astype(np.float64)) for answer in answers)
         return dict(zip(AGENTS, done, strict=True))

@@ -1,6 +1,7 @@
 """Simulators that continue recorded onsets: policies, the rule-based pair, constant velocity."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
@@ -27,11 +28,13 @@ from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.drivers.social_force import social_force
 from vpsci_ros.world.kinematics import MAX_DECELERATION, SHARPEST_TURN
-from vpsci_ros.world.observation import AGENTS, arrays_to_heading_frame, observe_arrays, to_heading_frame
+from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame, observe_arrays, to_heading_frame
 
 Floats = NDArray[np.float64]
 Simulator = Callable[[Onsets], Floats]
-"""Onsets -> positions float64[n, K, 2, 30, 2] [m]."""
+"""Onsets -> positions float64[n, K, 2, 30, 2] [m]; one that reacts to the other agent follows `Onsets.other`."""
+
+_Pair = tuple[NDArray[Any], NDArray[Any]]  # accelerations of vehicle and pedestrian, float[n, 2] [m/s2]
 
 ROLL_OUTS = 32  # of stochastic policies; deterministic ones have one
 DONORS = 32  # onsets of other clips whose residuals are borrowed
@@ -41,7 +44,30 @@ _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brake
 
 def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
     """Return the positions of both agents under a model, float64[n, 1, 2, 30, 2] [m]."""
-    return _positions(closed_loop_trajectories(model, onsets.interactions, onsets.late))
+    return _positions(closed_loop_trajectories(model, onsets.interactions, onsets.late, exchange(onsets)))
+
+
+def exchange(onsets: Onsets) -> Callable[[Seen, _Pair], _Pair]:
+    """Return a function of a roll-out's step and actions that exchanges those of the agent in `onsets.other`."""
+    if onsets.other is None:
+        return lambda _, actions: actions
+    (agent, wanted), bend = onsets.other, _curvatures(onsets)
+    rows, first, recorded = np.arange(len(onsets)), onsets.interactions.first, onsets.interactions.action[agent]
+
+    def exchanged(seen: Seen, actions: _Pair) -> _Pair:
+        if wanted is None:
+            turned = seen.scene.heading.numpy() - onsets.interactions.motion[rows, first + seen.step, 2]
+            own = arrays_to_heading_frame(turned, recorded[rows, first + seen.step])
+        else:
+            velocity = seen.observation[agent].numpy()[:, :2]
+            speed = np.hypot(velocity[:, 0], velocity[:, 1])
+            turned = bend * speed * STEP if agent == AGENTS[0] else np.arctan2(velocity[:, 1], velocity[:, 0])
+            later = np.maximum(speed + wanted * STEP, 0.0)[:, None]
+            own = (later * np.stack([np.cos(turned), np.sin(turned)], axis=1) - velocity) / STEP
+        own = own.astype(np.float32)
+        return (own, actions[1]) if agent == AGENTS[0] else (actions[0], own)
+
+    return exchanged
 
 
 def _positions(motion: Floats) -> Floats:
@@ -59,22 +85,19 @@ def fading(onsets: Onsets) -> Floats:
     return rolled_out(FadingAcceleration(), onsets)
 
 
-def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_middle: Floats) -> Floats:
+def residual_sampler(
+    onsets: Onsets, library: Onsets, middle: Floats, library_middle: Floats, count: int = DONORS
+) -> Floats:
     """Return roll-outs [n, K, 2, 30, 2] [m]: `middle` plus residuals of the K most similar onsets of other clips.
 
     A residual is the recording less its own middle trajectory: the vehicle's forward and left of its heading, the
-    pedestrian's in the same frame. Onsets are compared by the features of a bank's situations. The donors are
-    `onsets.borrowable`. K is 32, or as many as there are.
+    pedestrian's in the same frame. K is `count`, or as many as there are, see `donors`.
 
     :param middle: float64[n, 1, 2, 30, 2] [m], a control's roll-outs from `onsets`, say `fading`.
     :param library_middle: float64[L, 1, 2, 30, 2] [m], that control's roll-outs from `library`.
     """
-    (here, side), (there, other_side) = describe(_situations(onsets)), describe(_situations(library))
-    deviation = there.std(axis=0) + 1e-9
-    apart = np.linalg.norm((here[:, None] - there[None]) / deviation, axis=2)
-    apart[~borrowable(onsets, library)] = np.inf
-    count = min(DONORS, int(np.isfinite(apart).sum(axis=1).min()))
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, :count]
+    nearest = donors(onsets, library, count)
+    side, other_side = features_at(onsets)[1], features_at(library)[1]
     there_heading = library.start[:, 2, None, None]
     residual = arrays_to_heading_frame(there_heading, library.recorded - library_middle[:, 0])[nearest]
     residual[..., 1] *= (side[:, None] * other_side[nearest])[:, :, None, None]  # mirrored where the sides differ
@@ -82,11 +105,27 @@ def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_mi
     return result
 
 
-def _situations(onsets: Onsets) -> Floats:
-    """Return the bank's situations at the onsets, float64[n, 7]; without a step before, accelerations are 0."""
+def donors(onsets: Onsets, library: Onsets, count: int = DONORS) -> NDArray[np.int64]:
+    """Return the rows of the K onsets in `library` most similar to each onset, int64[n, K], the most similar first.
+
+    Onsets are compared by `features_at`, and only with those of `onsets.borrowable`. K is `count`, or as many as there
+    are for each.
+    """
+    here, there = features_at(onsets)[0], features_at(library)[0]
+    apart = np.linalg.norm((here[:, None] - there[None]) / (there.std(axis=0) + 1e-9), axis=2)
+    apart[~borrowable(onsets, library)] = np.inf
+    least = min(count, int(np.isfinite(apart).sum(axis=1).min()))
+    return np.argsort(apart, axis=1, kind="stable")[:, :least]
+
+
+def features_at(onsets: Onsets) -> tuple[Floats, Floats]:
+    """Return a bank's features at the onsets, float64[n, 8], and the pedestrians' sides, float64[n].
+
+    Accelerations are 0 without a step before the onset.
+    """
     seen, _ = observe_arrays(*onsets.start.T)
     done, known = known_actions(onsets.interactions, onsets.interactions.first - 1, onsets.late)
-    return situations_of(seen, *(np.where(known[:, None], done[agent], np.nan) for agent in AGENTS))
+    return describe(situations_of(seen, *(np.where(known[:, None], done[agent], np.nan) for agent in AGENTS)))
 
 
 def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "") -> Simulator:
@@ -99,7 +138,8 @@ def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS, people: str = "")
         if not isinstance(own, Bank):
             return rolled_out(PolicyPredictor(own), onsets)
         again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
-        predictor = PeoplePredictor(known_late(own) if onsets.late else own, again.clip, seed, people)
+        acting = [agent for agent in AGENTS if onsets.other is None or agent != onsets.other.agent]
+        predictor = PeoplePredictor(known_late(own) if onsets.late else own, again.clip, seed, people, acting)
         return rolled_out(predictor, again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
 
     return simulate
@@ -146,7 +186,7 @@ def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) 
     start = scene_at(motion, torch.from_numpy(onsets.interactions.first), TRACKED_STEPS)
     bend = _curvatures(onsets) if turning else np.zeros(count)
     near, wanted = WorldConfig().proximity_distance, start.pedestrian_velocity.numpy()
-    half, straight = 0.5 * onsets.size, start.heading.numpy()
+    half, straight, exchanged = 0.5 * onsets.size, start.heading.numpy(), exchange(onsets)
 
     def act(seen: Seen) -> dict[str, torch.Tensor]:
         out = {agent: np.zeros((count, 2)) for agent in AGENTS}
@@ -160,7 +200,8 @@ def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) 
             if reacting:
                 push = social_force(*wanted[i], vx, vy, px, py, x, y, heading, *half[i], PEDESTRIAN_RADIUS)
                 out["pedestrian"][i] = to_heading_frame(heading, *push)
-        return {agent: torch.from_numpy(action) for agent, action in out.items()}
+        done = exchanged(seen, (out["vehicle"], out["pedestrian"]))
+        return {agent: torch.from_numpy(np.asarray(action, float)) for agent, action in zip(AGENTS, done, strict=True)}
 
     return _positions(np.stack([scene.rows().numpy() for scene in roll_out(start, act, [count] * STEPS)], axis=1))
 

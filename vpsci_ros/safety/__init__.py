@@ -28,7 +28,7 @@ from vpsci_ros.safety.episodes import onset
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, clearance_pair
 from vpsci_ros.safety.line_of_sight import touches_box, visible_pair, visible_share
 from vpsci_ros.safety.measures import closest_encounter, drac, second_order_ttc, ttc_2d
-from vpsci_ros.safety.yielding import Yielded, who_yielded
+from vpsci_ros.safety.yielding import Yielded, who_goes_first, who_yielded
 
 __all__ = [
     "CONFLICT_TTC",
@@ -55,5 +55,6 @@ __all__ = [
     "ttc_2d",
     "visible_pair",
     "visible_share",
+    "who_goes_first",
     "who_yielded",
 ]

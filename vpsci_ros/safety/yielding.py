@@ -67,6 +67,28 @@ def _behind(rows: tuple[Floats, ...], k: int, px: float, py: float) -> float:
 
 
 @kernel
+def _first(
+    rows: tuple[Floats, ...], look: int, begin: int, half_length: float
+) -> tuple[float, int, tuple[float, float, float, float]]:
+    """Return who goes first, the step at which the vehicle is through, and `first_crossing` from step `look` on.
+
+    1 the pedestrian, 0 the vehicle (its rear is past the crossing point, or past the pedestrian, at a step from `begin`
+    on), NaN open. Unless the vehicle goes first, its step is the last one.
+    """
+    x, y, heading, ped_x, ped_y = rows
+    last = x.size - 1
+    crossing = first_crossing(x[look:], y[look:], AHEAD, heading[last], ped_x[look:], ped_y[look:])
+    driven, walked, cx, cy = crossing
+    if walked < driven:  # false, too, where the paths do not cross
+        return 1.0, last, crossing
+    for k in range(begin, last + 1):
+        px, py = (ped_x[k], ped_y[k]) if math.isnan(walked) else (cx, cy)
+        if _behind(rows, k, px, py) > half_length:
+            return 0.0, k, crossing
+    return math.nan, last, crossing
+
+
+@kernel
 def _classify(rows: tuple[Floats, ...], dt: float, half_length: float, corridor: float) -> int:
     """Return `Yielded` of one episode; `corridor` is half the vehicle's width plus the pedestrian's radius [m]."""
     x, y, heading, speed, ped_x, ped_y, ped_vx, ped_vy, ttc = rows
@@ -77,15 +99,8 @@ def _classify(rows: tuple[Floats, ...], dt: float, half_length: float, corridor:
         if begin > last:
             return 0
     look = max(0, begin - round(LOOKBACK / dt))
-    driven, walked, cx, cy = first_crossing(x[look:], y[look:], AHEAD, heading[last], ped_x[look:], ped_y[look:])
-    pedestrian_first = walked < driven  # false, too, where the paths do not cross
-    # the step at which the vehicle is through: its rear past the crossing point, or past the pedestrian
-    vehicle_first, passed = False, last
-    for k in range(begin, last + 1):
-        px, py = (ped_x[k], ped_y[k]) if math.isnan(walked) else (cx, cy)
-        if not pedestrian_first and _behind(rows, k, px, py) > half_length:
-            vehicle_first, passed = True, k
-            break
+    first, passed, crossing = _first((x, y, heading, ped_x, ped_y), look, begin, half_length)
+    (driven, walked, cx, cy), pedestrian_first, vehicle_first = crossing, first == 1.0, first == 0.0
     clear = last  # the last step at which slowing is for this pedestrian
     if pedestrian_first:
         clear = max(begin, min(last, look + math.ceil(walked)))
@@ -103,6 +118,37 @@ def _classify(rows: tuple[Floats, ...], dt: float, half_length: float, corridor:
     confronted = speed[look : passed + 1].max() > VEHICLE_MOVING
     pedestrian_yields = not pedestrian_first and crossing and confronted and lost >= PEDESTRIAN_DROP
     return (1 if vehicle_yields else 0) + (2 if pedestrian_yields else 0)
+
+
+@kernel
+def _first_all(rows, lengths, half_length, out):  # type: ignore[no-untyped-def]
+    for i in range(lengths.size):
+        n = lengths[i]
+        own = (rows[0][i, :n], rows[1][i, :n], rows[2][i, :n], rows[3][i, :n], rows[4][i, :n])
+        out[i] = _first(own, 0, 0, half_length)[0]
+
+
+def who_goes_first(
+    x: FloatLike,
+    y: FloatLike,
+    heading: FloatLike,
+    ped_x: FloatLike,
+    ped_y: FloatLike,
+    *,
+    lengths: ArrayLike | None = None,
+    length: float = VEHICLE_LENGTH,
+) -> Floats:
+    """Return who goes first, float64[...]: 1 the pedestrian, 0 the vehicle, NaN where it is open.
+
+    The paths decide, see the text above. Parameters are those of `who_yielded`; give the steps from the onset on.
+
+    :raises InvalidInput: values that are not finite, shapes that differ, or lengths that do not fit.
+    """
+    names = ("x", "y", "heading", "ped_x", "ped_y")
+    rows, counts, shape = trajectories(names, (x, y, heading, ped_x, ped_y), lengths)
+    out = np.empty(counts.size)
+    _first_all(rows, counts, 0.5 * length, out)
+    return np.asarray(out.reshape(shape))
 
 
 @kernel

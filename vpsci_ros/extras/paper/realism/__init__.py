@@ -9,6 +9,10 @@ In reading order:
 * `same_start`: Protocol A: simulators and recordings from the same recorded onsets, scored beside controls
 * `free`: Protocol B: comparison of freely simulated critical episodes with recorded near misses, from the onset on
 * `controls`: the names of the controls, and the mean turn: positions float64[n, K, 2, 30, 2] [m] in the map frame
+* `beside_sampler`: simulators beside the residual sampler: who goes first, the other agent's recording, answers to it
+* `in_front`: one agent in front of another one that is not its own: the recorded one, or one that does the same
+* `order`: who goes first, and how near the two come: proper scores of roll-outs, each an array over onsets
+* `forecasts`: forecasts of who goes first without a simulation: controls of the Brier score
 * `motion`: motion from positions: speeds, accelerations, headings, turns, clearance, CurvTTC
 * `features`: the classifier's 46 features of an interaction, from positions smoothed over 0.9 s
 * `two_sample`: the two-sample test by a classifier: how gradient boosting separates simulations from unseen recordings

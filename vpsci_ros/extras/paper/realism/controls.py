@@ -8,8 +8,9 @@ from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 CONTROL, FADING, SAMPLER = "constant_velocity_tracked", "fading_acceleration", "residual_sampler"
-TURN = "constant_turn"
-CONTROLS = ("recorded", CONTROL, TURN, FADING, "social_force", SAMPLER)
+TURN, FORCE = "constant_turn", "social_force"
+APART = "residual_sampler_apart"  # without donors that lead to contact
+CONTROLS = ("recorded", CONTROL, TURN, FADING, FORCE, SAMPLER, APART)
 
 
 def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:

@@ -17,8 +17,10 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses, table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
-from vpsci_ros.evaluation.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.onsets import STEPS, Onsets, find_onsets
+from vpsci_ros.evaluation.protocols import LATE
 from vpsci_ros.evaluation.simulators import Simulator, beyond_range, policy
+from vpsci_ros.extras.paper.realism.beside_sampler import BesideSampler
 from vpsci_ros.extras.paper.realism.controls import CONTROLS
 from vpsci_ros.extras.paper.realism.free import free
 from vpsci_ros.extras.paper.realism.same_start import SameStart
@@ -33,6 +35,7 @@ from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.text_table import table_console
+from vpsci_ros.safety import CRITICAL_TTC
 
 RESULT = "realism.json"
 Notify = Callable[[str, int, int], None]
@@ -57,6 +60,8 @@ def measure_realism(
     notify: Notify = lambda *_: None,
 ) -> dict[str, Any]:
     """Return the measures in the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
+
+    Protocol A has those of `SameStart` and of `BesideSampler` for each simulator.
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
@@ -83,14 +88,16 @@ def measure_realism(
     same_start = SameStart(onsets, borrowed, seed, repetitions)
     wanted = same_start.controls() | dict(simulators)
     kept = partial(_kept, parts, dict(inputs or {}))
+    second = BesideSampler(onsets, borrowed, same_start.sampler, seed)
     models: dict[str, Any] = {}
     for number, (name, simulate) in enumerate(wanted.items()):
         tell = partial(_tell, notify, name, each * number, total)
         tell(0)
-        models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate, tell))
+        models[name] = kept(f"same_start_{name}", partial(_measured, same_start, second, simulate, tell))
     clips, missing = len(set(onsets.clip)), same_start.missing
     part = {"interactions": len(onsets), "clips": clips, "units": same_start.units.text, "not_in_library": missing}
-    part["models"] = models
+    part |= {"models": models, "counts": _counts(chosen[0], onsets)}
+    part |= {"forecasts": kept("forecasts", second.forecasts), "recorded_answers": second.recorded_answers()}
     part["range"] = {name: _range(bank, onsets, people) for name, bank in (banks or {}).items()}
     result: dict[str, Any] = {"same_start": part}
     if dataset is not None:
@@ -99,14 +106,43 @@ def measure_realism(
 
 
 def _range(bank: Bank, onsets: Onsets, people: str) -> dict[str, Any]:
-    """Return whose reactions act, and at how many onsets, and the interactions whose onsets lie beyond the range."""
+    """Return whose reactions act, and at how many onsets, and the interactions whose onsets lie beyond the range.
+
+    `unknown_accelerations` are situations of the acting sources before which an acceleration is not known, of
+    `situations`: there the recorded reaction is replayed as it is.
+    """
     sources, outside = beyond_range(bank, onsets, people)
     names, counts = np.unique(sources, return_counts=True)
+    unknown = np.concatenate([np.isnan(bank.of(str(name)).before).any(axis=1) for name in names])
     return {
         "people": dict(zip(names.tolist(), counts.tolist(), strict=True)),
         "beyond": int(outside.sum()),
         "of": len(onsets),
         "interactions_beyond": onsets.number[outside].tolist(),
+        "situations": len(unknown),
+        "unknown_accelerations": int(unknown.sum()),
+    }
+
+
+def _counts(table: pl.DataFrame, onsets: Onsets) -> dict[str, int]:
+    """Return how many recordings cannot be measured, or only in part.
+
+    `recordings` of the table, those `never_critical` by what was known then, and those that `end_within_3s` of the
+    onset, which are left out; of the onsets measured, those `without_step_before` and `without_late` (0.3 s before),
+    where accelerations count as 0, and those whose order the recording leaves `open`.
+    """
+    critical = pl.col("curvttc_causal") < CRITICAL_TTC
+    left = table.group_by("interaction", maintain_order=True).agg(
+        onset=critical.any(), after=pl.len() - critical.arg_max()
+    )
+    never, before = int((~left["onset"]).sum()), onsets.interactions.first
+    return {
+        "recordings": left.height,
+        "never_critical": never,
+        "end_within_3s": int((left["onset"] & (left["after"] <= STEPS)).sum()),
+        "without_step_before": int((before < 1).sum()),
+        "without_late": int((before < 1 + LATE).sum()),
+        "open": int(np.isnan(onsets.pedestrian_first).sum()),
     }
 
 
@@ -121,9 +157,13 @@ def _tell(notify: Notify, name: str, before: int, total: int, done: int) -> None
     notify(name, before + done, total)
 
 
-def _measured(same_start: SameStart, simulate: Simulator, tell: Callable[[int], None]) -> dict[str, Any]:
+def _measured(
+    same_start: SameStart, second: BesideSampler, simulate: Simulator, tell: Callable[[int], None]
+) -> dict[str, Any]:
     onsets = same_start.onsets
-    return same_start.measure(simulate(onsets), simulate(replace(onsets, late=True)), tell)
+    positions, late = simulate(onsets), simulate(replace(onsets, late=True))
+    alike, beside = same_start.measure(positions, late, tell), second.measure(simulate, positions, late)
+    return alike | beside | {"late": alike["late"] | beside["late"]}
 
 
 def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:

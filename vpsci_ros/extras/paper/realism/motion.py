@@ -83,9 +83,7 @@ def motion(path: Floats, start: Floats, size: Floats) -> Motion:
     """
     step = np.diff(path, axis=-2) / STEP
     speed = np.hypot(step[..., 0], step[..., 1])
-    walking = np.arctan2(start[:, 8], start[:, 7])
-    first = np.stack([start[:, 2], walking], axis=1)[:, None]
-    heading = _directions(step, speed, np.broadcast_to(first, speed.shape[:-1]))
+    walking, heading = np.arctan2(start[:, 8], start[:, 7]), directions(path, start)
     turn_rate = heading @ fitted(heading.shape[-1], _TURN_WINDOW, 0, slope=True).T
     offset = path[..., 1, 1:, :] - start[:, None, None, 5:7]
     aside = np.cos(walking)[:, None, None] * offset[..., 1] - np.sin(walking)[:, None, None] * offset[..., 0]
@@ -110,11 +108,17 @@ def motion(path: Floats, start: Floats, size: Floats) -> Motion:
     )
 
 
-def _directions(step: Floats, speed: Floats, first: Floats) -> Floats:
-    """Return the direction of each step [..., T] [rad], unwrapped; where an agent stands, the one before."""
+def directions(path: Floats, start: Floats, moving: float = MOVING) -> Floats:
+    """Return the direction of each step, float64[n, K, 2, T] [rad], unwrapped; where an agent stands, the one before.
+
+    Parameters are those of `motion`; a slower agent than `moving` [m/s] stands.
+    """
+    step = np.diff(path, axis=-2) / STEP
+    first = np.stack([start[:, 2], np.arctan2(start[:, 8], start[:, 7])], axis=1)[:, None]
+    first = np.broadcast_to(first, step.shape[:-2])[..., None]
     direction = np.arctan2(step[..., 1], step[..., 0])
-    count = np.arange(speed.shape[-1])
-    last = np.maximum.accumulate(np.where(speed > MOVING, count, -1), axis=-1)
+    count = np.arange(step.shape[-2])
+    last = np.maximum.accumulate(np.where(np.hypot(step[..., 0], step[..., 1]) > moving, count, -1), axis=-1)
     held = np.take_along_axis(direction, np.maximum(last, 0), axis=-1)
-    held = np.where(last < 0, first[..., None], held)
-    return np.unwrap(np.concatenate([first[..., None], held], axis=-1), axis=-1)[..., 1:]
+    held = np.where(last < 0, first, held)
+    return np.unwrap(np.concatenate([first, held], axis=-1), axis=-1)[..., 1:]

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets
 from vpsci_ros.evaluation.roll_out_scores import energy_score, errors, min_ade
-from vpsci_ros.evaluation.simulators import Simulator, fading, residual_sampler, rule_based, tracked
+from vpsci_ros.evaluation.simulators import DONORS, Simulator, fading, residual_sampler, rule_based, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
-from vpsci_ros.extras.paper.realism.controls import CONTROL, FADING, SAMPLER, TURN, constant_turn
+from vpsci_ros.extras.paper.realism.controls import APART, CONTROL, FADING, FORCE, SAMPLER, TURN, constant_turn
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
-from vpsci_ros.extras.paper.realism.motion import motion, with_onset
+from vpsci_ros.extras.paper.realism.order import least_clearance
 from vpsci_ros.extras.paper.realism.two_sample import FAMILIES, REPETITIONS, family, two_sample
 
 DRAWS = 2  # of the roll-outs of each onset that the classifier sees in a repetition
@@ -49,7 +49,7 @@ class SameStart:
         own = features(onsets.recorded[:, None], onsets)
         self._real = {name: value[:, 0] for name, value in own.items()}
         scored = {"constant_velocity": self._middle, TURN: self._turn}
-        scored |= {FADING: fading(onsets), SAMPLER: self._residuals(onsets)}
+        scored |= {FADING: fading(onsets), SAMPLER: self.sampler(onsets)}
         self._energies = {name: energy_score(own, onsets.recorded) for name, own in scored.items()}
 
     def controls(self) -> dict[str, Simulator]:
@@ -59,13 +59,25 @@ class SameStart:
             CONTROL: lambda onsets: self._middle,
             TURN: lambda onsets: self._turn,
             FADING: fading,
-            "social_force": rule_based,
-            SAMPLER: self._residuals,
+            FORCE: rule_based,
+            SAMPLER: self.sampler,
+            APART: self._apart,
         }
 
-    def _residuals(self, onsets: Onsets) -> Floats:
+    def sampler(self, onsets: Onsets, count: int = DONORS) -> Floats:
+        """Return the roll-outs of the fair control, float64[n, K, 2, 30, 2] [m], by `count` donors."""
         library = replace(self._library, late=onsets.late)
-        return residual_sampler(onsets, library, fading(onsets), fading(library))
+        return residual_sampler(onsets, library, fading(onsets), fading(library), count)
+
+    def _apart(self, onsets: Onsets) -> Floats:
+        """Return the sampler's roll-outs by the nearest donors that lead to no contact, of eight times as many.
+
+        Where these are fewer than the sampler's, the nearest of the others follow.
+        """
+        positions = self.sampler(onsets, 8 * DONORS)
+        touches = least_clearance(positions, onsets) <= 0.0
+        kept = np.argsort(touches, axis=1, kind="stable")[:, :DONORS]
+        return np.take_along_axis(positions, kept[..., None, None, None], axis=1)
 
     def measure(
         self, positions: Floats, late: Floats | None = None, tell: Callable[[int], None] = lambda _: None
@@ -80,8 +92,7 @@ class SameStart:
         """
         onsets = self.onsets
         likely = likelihoods(positions, onsets)
-        contact = motion(with_onset(positions, onsets.start), onsets.start, onsets.size).clearance <= 0.0
-        touched = contact.any(axis=-1).mean(axis=1)
+        touched = (least_clearance(positions, onsets) <= 0.0).mean(axis=1)
         made = [self._seen(positions, self._seed + k) for k in range(self._repetitions)]
         units, families = (self.units.labels, self.units.labels), min(FAMILY_REPETITIONS, self._repetitions)
         tests = {}
