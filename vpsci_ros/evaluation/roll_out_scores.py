@@ -1,4 +1,4 @@
-"""Scores of roll-outs against recordings: energy score, CRPS, ADE, minADE, each an array over interactions.
+"""Scores of roll-outs against recordings: energy score, CRPS and ADE, each an array over interactions.
 
 The energy score is proper: its expectation is least for the distribution that the recordings come from, and neither for
 a mean trajectory nor for additional spread. See 'Strictly proper scoring rules, prediction, and estimation'
@@ -9,8 +9,6 @@ and all steps of the distance between positions, so that for one roll-out the sc
 import numpy as np
 
 from vpsci_ros.evaluation.onsets import Floats
-
-BEST_OF = 6  # roll-outs of minADE
 
 
 def errors(positions: Floats, recorded: Floats) -> Floats:
@@ -50,23 +48,3 @@ def crps(values: Floats, recorded: Floats) -> Floats:
     score: Floats = np.abs(values - recorded[:, None]).mean(axis=1)
     pairs = np.abs(values[:, :, None] - values[:, None]).sum(axis=(1, 2))
     return score - pairs / (2.0 * count * max(count - 1, 1))
-
-
-def min_ade(positions: Floats, recorded: Floats, best_of: int = BEST_OF) -> Floats:
-    """Return the expected least error of `best_of` randomly chosen roll-outs (if K is less, of all K), float64[n] [m].
-
-    The expectation is over all choices of `best_of` of the K roll-outs, so it does not depend on their order.
-    """
-    each = np.sort(errors(positions, recorded), axis=1)
-    count = each.shape[1]
-    if count <= best_of:
-        return each[:, 0]
-    rank = np.arange(count)
-    # the k-th smallest is the least of a choice if all others come from the count - 1 - k larger ones
-    weight = np.zeros(count)
-    left = 1.0
-    for k in rank[: count - best_of + 1]:
-        weight[k] = left * best_of / (count - k)
-        left -= weight[k]
-    result: Floats = each @ weight
-    return result

@@ -1,10 +1,9 @@
-"""Simulators that continue recorded onsets: policies, the rule-based pair, constant velocity."""
+"""Simulators that continue recorded onsets: policies, constant velocity, a sampler of residuals."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import STEPS, Onsets, borrowable
@@ -15,20 +14,13 @@ from vpsci_ros.evaluation.predictors import (
     PolicyPredictor,
     Predictor,
     RepeatVelocity,
-    sources_for,
 )
 from vpsci_ros.evaluation.protocols import LATE, MEAN, closed_loop_trajectories, known_actions
-from vpsci_ros.evaluation.roll_out import Seen, roll_out
-from vpsci_ros.evaluation.scene import scene_at
+from vpsci_ros.evaluation.roll_out import Seen
 from vpsci_ros.policy.bank import SLOWEST, Bank, describe, situations_of
-from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import Policy
-from vpsci_ros.safety import PEDESTRIAN_RADIUS
-from vpsci_ros.world import WorldConfig
-from vpsci_ros.world.drivers.autopilot import too_near
-from vpsci_ros.world.drivers.social_force import social_force
-from vpsci_ros.world.kinematics import MAX_DECELERATION, SHARPEST_TURN
-from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame, observe_arrays, to_heading_frame
+from vpsci_ros.world.kinematics import SHARPEST_TURN
+from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame, observe_arrays
 
 Floats = NDArray[np.float64]
 Simulator = Callable[[Onsets], Floats]
@@ -39,19 +31,18 @@ _Pair = tuple[NDArray[Any], NDArray[Any]]  # accelerations of vehicle and pedest
 ROLL_OUTS = 32  # of stochastic policies; deterministic ones have one
 DONORS = 32  # onsets of other clips whose residuals are borrowed
 _TURNED, _CAME = 5, 0.25  # steps over which a turn is measured, and the least way [m] for it
-_STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brakes, as in the world
 
 
 def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
     """Return the positions of both agents under a model, float64[n, 1, 2, 30, 2] [m]."""
-    return _positions(closed_loop_trajectories(model, onsets.interactions, onsets.late, exchange(onsets)))
+    return positions_of(closed_loop_trajectories(model, onsets.interactions, onsets.late, exchange(onsets)))
 
 
 def exchange(onsets: Onsets) -> Callable[[Seen, _Pair], _Pair]:
     """Return a function of a roll-out's step and actions that exchanges those of the agent in `onsets.other`."""
     if onsets.other is None:
         return lambda _, actions: actions
-    (agent, wanted), bend = onsets.other, _curvatures(onsets)
+    (agent, wanted), bend = onsets.other, curvatures(onsets)
     rows, first, recorded = np.arange(len(onsets)), onsets.interactions.first, onsets.interactions.action[agent]
 
     def exchanged(seen: Seen, actions: _Pair) -> _Pair:
@@ -70,7 +61,7 @@ def exchange(onsets: Onsets) -> Callable[[Seen, _Pair], _Pair]:
     return exchanged
 
 
-def _positions(motion: Floats) -> Floats:
+def positions_of(motion: Floats) -> Floats:
     """Return the positions in rows of `Interactions.motion`, float64[n, 30, 9] -> float64[n, 1, 2, 30, 2] [m]."""
     return np.stack([motion[..., 0:2], motion[..., 5:7]], axis=1)[:, None]
 
@@ -163,50 +154,7 @@ def known_late(bank: Bank) -> Bank:
     return Bank(made, bank.facts)
 
 
-def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
-    """Return the bank's source for each onset, str[n], and whether the onset is beyond that source's range, bool[n]."""
-    sources, start = sources_for(bank, onsets.clip, people), onsets.start
-    where, out = onsets_in(start[:, :2], start[:, 3:5], start[:, 5:7], start[:, 7:9]), np.zeros(len(onsets), np.bool_)
-    for name in np.unique(sources):
-        own = sources == name
-        out[own] = beyond(where[own], bank.of(str(name)).reach)
-    return sources, out
-
-
-def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) -> Floats:
-    """Return positions, float64[n, 1, 2, 30, 2] [m], of a social force pedestrian and a braking car.
-
-    The pedestrian wants the velocity of the onset. The vehicle keeps its direction and tracked speed, and brakes fully
-    for a pedestrian near and straight ahead of its front. Both move by `roll_out`'s kinematics.
-
-    :param reacting: False: the pedestrian keeps its velocity, as CARLA's walkers do.
-    :param turning: the vehicle goes on turning as it did over the last 0.5 s, by at most 90 degrees.
-    """
-    motion, count = torch.from_numpy(onsets.interactions.motion), len(onsets)
-    start = scene_at(motion, torch.from_numpy(onsets.interactions.first), TRACKED_STEPS)
-    bend = _curvatures(onsets) if turning else np.zeros(count)
-    near, wanted = WorldConfig().proximity_distance, start.pedestrian_velocity.numpy()
-    half, straight, exchanged = 0.5 * onsets.size, start.heading.numpy(), exchange(onsets)
-
-    def act(seen: Seen) -> dict[str, torch.Tensor]:
-        out = {agent: np.zeros((count, 2)) for agent in AGENTS}
-        for i, row in enumerate(seen.scene.rows().numpy().tolist()):
-            x, y, heading, east, north, px, py, vx, vy = row
-            ahead = to_heading_frame(heading, px - x, py - y)
-            if too_near(*ahead, half[i, 0], half[i, 1] + PEDESTRIAN_RADIUS + _STRAIGHT_AHEAD, near):
-                out["vehicle"][i, 0] = -MAX_DECELERATION
-            if abs(heading - straight[i]) < 0.5 * np.pi:
-                out["vehicle"][i, 1] = bend[i] * (east * east + north * north)
-            if reacting:
-                push = social_force(*wanted[i], vx, vy, px, py, x, y, heading, *half[i], PEDESTRIAN_RADIUS)
-                out["pedestrian"][i] = to_heading_frame(heading, *push)
-        done = exchanged(seen, (out["vehicle"], out["pedestrian"]))
-        return {agent: torch.from_numpy(np.asarray(action, float)) for agent, action in zip(AGENTS, done, strict=True)}
-
-    return _positions(np.stack([scene.rows().numpy() for scene in roll_out(start, act, [count] * STEPS)], axis=1))
-
-
-def _curvatures(onsets: Onsets) -> Floats:
+def curvatures(onsets: Onsets) -> Floats:
     """Return the curvature of each vehicle's path over the 0.5 s before the onset, float64[n] [1/m]."""
     rows, now = np.arange(len(onsets)), onsets.interactions.first
     motion, before = onsets.interactions.motion, np.maximum(now - _TURNED, 0)

@@ -7,4 +7,6 @@ In reading order:
 * `published_dataset`: importer of the simulated episodes that the paper's authors publish
 * `published_tables`: the authors' dataset as they publish it: CSV files named as in Table 6
 * `models`: the models of the paper's Table 9, found by entry points, and their layers in place of the SST's
+* `rule_based`: the rule-based pair from recorded onsets: a pedestrian of the social force model, and a car that brakes
+* `min_ade`: minADE: the expected least error of some of the roll-outs
 """

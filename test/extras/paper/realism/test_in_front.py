@@ -17,6 +17,7 @@ from vpsci_ros.extras.paper.realism.in_front import EXCHANGES, answers, front, r
 from vpsci_ros.extras.paper.realism.measure_realism import _counts, _range
 from vpsci_ros.extras.paper.realism.order import difference, estimate, least_clearance, pedestrian_first, scores
 from vpsci_ros.extras.paper.realism.same_start import SameStart
+from vpsci_ros.extras.paper.rule_based import rule_based
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.world.observation import AGENTS
@@ -79,6 +80,12 @@ def test_the_other_one_is_the_recorded_one_whatever_the_simulator_makes_it_do(on
         np.testing.assert_array_equal(plain[name], moved[name])
     assert plain["energy"] == pytest.approx(scores(constant_velocity(onsets), onsets, "pedestrian")["energy"])
     assert (moved["off"] > 40.0).all()
+
+
+def test_a_rule_based_pedestrian_sees_the_exchanged_car(onsets: Onsets) -> None:
+    found = answers(onsets, rule_based, "pedestrian")
+    assert (found["stands"]["change"] != found["keeps_speed"]["change"]).any()
+    assert (front(onsets, rule_based, "pedestrian")["off"] < 0.2).all()
 
 
 def test_who_does_not_look_answers_nothing_and_who_does_answers_what_the_other_one_did(onsets: Onsets) -> None:

@@ -18,10 +18,12 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
 from vpsci_ros.extras.paper.realism.controls import CONTROLS, constant_turn
 from vpsci_ros.extras.paper.realism.free import as_near_misses, free
-from vpsci_ros.extras.paper.realism.measure_realism import drawn, measure_realism, run_realism
+from vpsci_ros.extras.paper.realism.measure_realism import beyond_range, drawn, measure_realism, run_realism
 from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
+from vpsci_ros.policy.bank import Bank
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.files import write_json
 
 
@@ -172,3 +174,28 @@ def test_free_simulation_is_compared_at_the_onset_and_after_it(dataset: Path, mo
     assert set(found["long_run"]) == {"recorded", "generated"}
     assert found["interactions"]["generated"] == 6
     assert found["units"] == "16 clips"
+
+
+def test_each_source_answers_its_own_onsets_another_one_the_rest_and_a_named_one_all() -> None:
+    place = pl.when(pl.col("interaction") < 8).then(pl.lit("vci-dut")).otherwise(pl.lit("somewhere"))
+    onsets = find_onsets(synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place))
+    bank = load_policy("people")
+    assert isinstance(bank, Bank)
+    sources, _ = beyond_range(bank, onsets)
+    assert sources.tolist() == np.where(onsets.source == "vci-dut", "vci", "cqut").tolist()
+    assert set(beyond_range(bank, onsets, "vci")[0]) == {"vci"}
+    with pytest.raises(InvalidInput, match="expected one of cqut, vci, the sources of this bank, got 'nobody'"):
+        beyond_range(bank, onsets, "nobody")
+
+
+def test_an_onset_is_held_against_the_range_of_the_source_that_answers_it() -> None:
+    onsets = find_onsets(synthetic_near_misses(interactions=16, seed=3).table)
+    bank = load_policy("people")
+    assert isinstance(bank, Bank)
+    wide, narrow = np.repeat([[0.0, 1e9]] * 4, [1, 4], axis=1), np.full((4, 5), 1e9)
+    made = {
+        name: own._replace(reach=reach)
+        for (name, own), reach in zip(bank.reactions.items(), (wide, narrow), strict=True)
+    }
+    assert not beyond_range(Bank(made), onsets)[1].any()
+    assert beyond_range(Bank(made), onsets, "vci")[1].all()

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from vpsci_ros.evaluation.roll_out_scores import energy_score, errors, min_ade
+from vpsci_ros.evaluation.roll_out_scores import energy_score, errors
+from vpsci_ros.extras.paper.min_ade import min_ade
 
 
 def test_the_energy_score_by_hand() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
@@ -18,8 +19,9 @@ from vpsci_ros.data.near_misses import read_near_misses, table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.onsets import STEPS, Onsets, find_onsets
+from vpsci_ros.evaluation.predictors import sources_for
 from vpsci_ros.evaluation.protocols import LATE
-from vpsci_ros.evaluation.simulators import Simulator, beyond_range, policy
+from vpsci_ros.evaluation.simulators import Simulator, policy
 from vpsci_ros.extras.paper.realism.beside_sampler import BesideSampler
 from vpsci_ros.extras.paper.realism.controls import CONTROLS
 from vpsci_ros.extras.paper.realism.free import free
@@ -27,6 +29,7 @@ from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.realism.text import print_realism
 from vpsci_ros.extras.paper.realism.two_sample import FAMILIES, REPETITIONS
 from vpsci_ros.policy.bank import Bank
+from vpsci_ros.policy.onset_range import beyond, onsets_in
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import sha256, write_json
@@ -122,6 +125,16 @@ def _range(bank: Bank, onsets: Onsets, people: str) -> dict[str, Any]:
         "situations": len(unknown),
         "unknown_accelerations": int(unknown.sum()),
     }
+
+
+def beyond_range(bank: Bank, onsets: Onsets, people: str = "") -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
+    """Return the bank's source for each onset, str[n], and whether the onset is beyond that source's range, bool[n]."""
+    sources, start = sources_for(bank, onsets.clip, people), onsets.start
+    where, out = onsets_in(start[:, :2], start[:, 3:5], start[:, 5:7], start[:, 7:9]), np.zeros(len(onsets), np.bool_)
+    for name in np.unique(sources):
+        own = sources == name
+        out[own] = beyond(where[own], bank.of(str(name)).reach)
+    return sources, out
 
 
 def _counts(table: pl.DataFrame, onsets: Onsets) -> dict[str, int]:

@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets
-from vpsci_ros.evaluation.roll_out_scores import energy_score, errors, min_ade
-from vpsci_ros.evaluation.simulators import DONORS, Simulator, fading, residual_sampler, rule_based, tracked
+from vpsci_ros.evaluation.roll_out_scores import energy_score, errors
+from vpsci_ros.evaluation.simulators import DONORS, Simulator, fading, residual_sampler, tracked
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.extras.paper.min_ade import min_ade
 from vpsci_ros.extras.paper.realism.controls import APART, CONTROL, FADING, FORCE, SAMPLER, TURN, constant_turn
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.order import least_clearance
 from vpsci_ros.extras.paper.realism.two_sample import FAMILIES, REPETITIONS, family, two_sample
+from vpsci_ros.extras.paper.rule_based import rule_based
 
 DRAWS = 2  # of the roll-outs of each onset that the classifier sees in a repetition
 FAMILY_REPETITIONS = 1

@@ -20,9 +20,10 @@ from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure
-from vpsci_ros.evaluation.roll_out_scores import energy_score, min_ade
+from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import rolled_out
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, share, units_of
+from vpsci_ros.extras.paper.min_ade import min_ade
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
 from vpsci_ros.extras.paper.realism.two_sample import two_sample

@@ -19,7 +19,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.predictors import predictor_of
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
-from vpsci_ros.evaluation.simulators import rule_based
+from vpsci_ros.extras.paper.rule_based import rule_based
 from vpsci_ros.policy.policy_file import Policy
 
 Floats = NDArray[np.float64]
