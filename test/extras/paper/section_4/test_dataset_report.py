@@ -11,7 +11,9 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.section_4.bins import QUESTIONS
 from vpsci_ros.extras.paper.section_4.section_4_page import NUMBERS, PAGE, TABLE, write_report
+from vpsci_ros.extras.paper.section_4.table import _nearer_than_a_coin
 
 Written = tuple[Path, dict[str, Any]]
 PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
@@ -91,3 +93,17 @@ def test_a_dataset_without_a_kept_episode_is_refused_before_anything_is_written(
     with pytest.raises(InvalidInput, match="generated: no interaction with CurvTTC of 5 s or less"):
         write_report(harmless_dataset, tmp_path / "out", near_misses=near_misses)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_dataset_is_nearer_than_a_coin_where_its_shares_change_as_the_recorded_ones_do() -> None:
+    """Of a coin that has the recorded share of all interactions in every bin."""
+    flags = {question.flag: {"value": 0.4} for question in QUESTIONS}
+    rising = {question.name: [{"value": 0.1 * k} for k in range(len(question.bins))] for question in QUESTIONS}
+    coin = {name: [{"value": 0.4} for _ in shares] for name, shares in rising.items()}
+    unknown = {name: [{"value": None} for _ in shares] for name, shares in rising.items()}
+    report = {
+        "sources": {"recorded": flags},
+        "bins": {"recorded": rising, "alike": rising, "coin": coin, "few": unknown},
+    }
+    found = [_nearer_than_a_coin(report, "recorded", key) for key in ("alike", "coin", "few")]
+    assert found == ["8 of 8", "0 of 8", "0 of 0"]

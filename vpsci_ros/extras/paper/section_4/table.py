@@ -7,6 +7,7 @@ from vpsci_ros.data.published import KS, LEAST_CURVTTC, REAL_LEAST_CURVTTC, WASS
 from vpsci_ros.extras.paper.section_4.bins import QUESTIONS
 
 Rows = list[list[str]]
+MANY = 3  # shares of a question, fewer of which say little of how they change
 
 
 def rows_of(report: Mapping[str, Any], recorded: str, datasets: Mapping[str, str]) -> tuple[list[str], Rows]:
@@ -44,7 +45,25 @@ def rows_of(report: Mapping[str, Any], recorded: str, datasets: Mapping[str, str
     for question in QUESTIONS:
         cells = [", ".join(map(_share, report["bins"][key][question.name])) for key in keys]
         rows.append(row(f"{question.name} [%]", cells, question.paper))
+    nearer = [_nearer_than_a_coin(report, recorded, key) for key in datasets]
+    rows.append(row(f"nearer than a coin, of rows with {MANY} shares or more", ["", *nearer], ""))
     return heads, rows
+
+
+def _nearer_than_a_coin(report: Mapping[str, Any], recorded: str, key: str) -> str:
+    """Return in how many rows the shares of a dataset are nearer to the recorded ones than a coin is, of how many.
+
+    The coin has the recorded share of all interactions in every bin; the distance is the mean over bins that both have.
+    """
+    nearer = counted = 0
+    for question in QUESTIONS:
+        coin = report["sources"][recorded][question.flag]["value"]
+        shares = [[found["value"] for found in report["bins"][of][question.name]] for of in (recorded, key)]
+        known = [pair for pair in zip(*shares, strict=True) if None not in pair]
+        if len(question.bins) >= MANY and known:
+            counted += 1
+            nearer += sum(abs(own - other) for own, other in known) < sum(abs(own - coin) for own, _ in known)
+    return f"{nearer} of {counted}"
 
 
 def markdown(heads: Sequence[str], rows: Rows) -> str:
