@@ -10,7 +10,7 @@ In reading order:
 * `scene`: kinematics of one vehicle and one pedestrian in torch, for training and evaluation
 * `errors`: the columns of Table 9 for any models, by both error protocols, with confidence intervals
 * `error_table`: the errors of models as text, with the columns of Table 9
-* `roll_out_scores`: scores of roll-outs against recordings: energy score, CRPS and ADE, each an array over interactions
+* `roll_out_scores`: scores of roll-outs against recordings: energy score and ADE, each an array over interactions
 * `held_out`: the held-out error: both protocols on near misses of clips that training never sees
 * `outcomes`: outcomes of simulated episodes under policies, usually without exploration and with a seed not trained on
 * `statistics`: confidence intervals and paired comparisons for the whole package

@@ -1,4 +1,4 @@
-"""Scores of roll-outs against recordings: energy score, CRPS and ADE, each an array over interactions.
+"""Scores of roll-outs against recordings: energy score and ADE, each an array over interactions.
 
 The energy score is proper: its expectation is least for the distribution that the recordings come from, and neither for
 a mean trajectory nor for additional spread. See 'Strictly proper scoring rules, prediction, and estimation'
@@ -37,14 +37,3 @@ def energy_score(positions: Floats, recorded: Floats) -> Floats:
         apart = positions[:, k + 1 :] - positions[:, k : k + 1]
         total += np.hypot(apart[..., 0], apart[..., 1]).mean(axis=(2, 3)).sum(axis=1)
     return score - total / (count * (count - 1))
-
-
-def crps(values: Floats, recorded: Floats) -> Floats:
-    """Return the continuous ranked probability score, float64[n]: the energy score of a single number.
-
-    :param values: float64[n, K], the number in each roll-out; recorded: float64[n].
-    """
-    count = values.shape[1]
-    score: Floats = np.abs(values - recorded[:, None]).mean(axis=1)
-    pairs = np.abs(values[:, :, None] - values[:, None]).sum(axis=(1, 2))
-    return score - pairs / (2.0 * count * max(count - 1, 1))

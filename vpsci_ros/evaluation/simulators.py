@@ -43,7 +43,8 @@ def exchange(onsets: Onsets) -> Callable[[Seen, _Pair], _Pair]:
     if onsets.other is None:
         return lambda _, actions: actions
     (agent, wanted), bend = onsets.other, curvatures(onsets)
-    rows, first, recorded = np.arange(len(onsets)), onsets.interactions.first, onsets.interactions.action[agent]
+    rows, first = np.arange(len(onsets)), onsets.interactions.first
+    recorded = onsets.interactions.action[agent].astype(np.float64)
 
     def exchanged(seen: Seen, actions: _Pair) -> _Pair:
         if wanted is None:

@@ -99,8 +99,9 @@ def _classify(rows: tuple[Floats, ...], dt: float, half_length: float, corridor:
         if begin > last:
             return 0
     look = max(0, begin - round(LOOKBACK / dt))
-    first, passed, crossing = _first((x, y, heading, ped_x, ped_y), look, begin, half_length)
-    (driven, walked, cx, cy), pedestrian_first, vehicle_first = crossing, first == 1.0, first == 0.0
+    paths = x, y, heading, ped_x, ped_y
+    first, passed, (driven, walked, cx, cy) = _first(paths, look, begin, half_length)
+    pedestrian_first, vehicle_first = first == 1.0, first == 0.0
     clear = last  # the last step at which slowing is for this pedestrian
     if pedestrian_first:
         clear = max(begin, min(last, look + math.ceil(walked)))
@@ -136,7 +137,6 @@ def who_goes_first(
     ped_y: FloatLike,
     *,
     lengths: ArrayLike | None = None,
-    length: float = VEHICLE_LENGTH,
 ) -> Floats:
     """Return who goes first, float64[...]: 1 the pedestrian, 0 the vehicle, NaN where it is open.
 
@@ -147,7 +147,7 @@ def who_goes_first(
     names = ("x", "y", "heading", "ped_x", "ped_y")
     rows, counts, shape = trajectories(names, (x, y, heading, ped_x, ped_y), lengths)
     out = np.empty(counts.size)
-    _first_all(rows, counts, 0.5 * length, out)
+    _first_all(rows, counts, 0.5 * VEHICLE_LENGTH, out)
     return np.asarray(out.reshape(shape))
 
 

@@ -9,13 +9,12 @@ from extras.paper.realism.straight import constant_velocity
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
-from vpsci_ros.evaluation.roll_out_scores import crps
 from vpsci_ros.evaluation.statistics import cluster_counts
 from vpsci_ros.extras.paper.realism.controls import APART, SAMPLER
 from vpsci_ros.extras.paper.realism.forecasts import forecasts
 from vpsci_ros.extras.paper.realism.in_front import EXCHANGES, answers, front, recorded_answers
 from vpsci_ros.extras.paper.realism.measure_realism import _counts, _range
-from vpsci_ros.extras.paper.realism.order import difference, estimate, least_clearance, pedestrian_first, scores
+from vpsci_ros.extras.paper.realism.order import crps, difference, estimate, least_clearance, pedestrian_first, scores
 from vpsci_ros.extras.paper.realism.same_start import SameStart
 from vpsci_ros.extras.paper.rule_based import rule_based
 from vpsci_ros.policy.bank import Bank

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets
-from vpsci_ros.evaluation.roll_out_scores import crps, energy_score
+from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.statistics import interval
 from vpsci_ros.extras.paper.realism.motion import directions, with_onset
 from vpsci_ros.safety import clearance, who_goes_first
@@ -36,6 +36,17 @@ def scores(positions: Floats, onsets: Onsets, agent: str = "") -> Scores:
         "crps": crps(near, recorded[:, 0]),
         "contact": (near <= 0.0).mean(axis=1),
     }
+
+
+def crps(values: Floats, recorded: Floats) -> Floats:
+    """Return the continuous ranked probability score, float64[n]: the energy score of a single number.
+
+    :param values: float64[n, K], the number in each roll-out; recorded: float64[n].
+    """
+    count = values.shape[1]
+    score: Floats = np.abs(values - recorded[:, None]).mean(axis=1)
+    pairs = np.abs(values[:, :, None] - values[:, None]).sum(axis=(1, 2))
+    return score - pairs / (2.0 * count * max(count - 1, 1))
 
 
 def least_clearance(positions: Floats, onsets: Onsets) -> Floats:
