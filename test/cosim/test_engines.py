@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.extras.formats.exporters import export
-from vpsci_ros.policy.choice import MARGIN
+from vpsci_ros.policy.reaction import MARGIN
 from vpsci_ros.safety import clearance
 
 BAGS = Path(__file__).parents[2] / "bags"

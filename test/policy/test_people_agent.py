@@ -24,13 +24,16 @@ from vpsci_ros.policy.bank import (
     bank_to_bytes,
     describe,
     save_bank,
+    with_means,
 )
-from vpsci_ros.policy.choice import CLOSE, FADES, MARGIN, NEAREST, ReactionReplay
+from vpsci_ros.policy.choice import LOOKS, NEAREST, ReactionReplay
 from vpsci_ros.policy.draws import keys
+from vpsci_ros.policy.forecast import Networks, forecasts, no_networks, shapes
 from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
 from vpsci_ros.policy.people_agent import walked_in
 from vpsci_ros.policy.policy_file import load_policy, policy_from_bytes
+from vpsci_ros.policy.reaction import CLOSE, EVASIONS, FADES, MARGIN
 from vpsci_ros.policy.tensor_file import tensors_to_bytes
 from vpsci_ros.safety import CRITICAL_TTC, clearance
 from vpsci_ros.world import EPISODE, RUNNING, World, WorldConfig, load_scenarios
@@ -53,7 +56,7 @@ def reactions(count: int = 80, length: int = 35, vehicle: float = 0.0) -> Reacti
     before, reach = np.tile([APART[0, 1], APART[0, 2] / APART[0, 0], 0.0, 0.0], (count, 1)), range_of(onsets_of(APART))
     return Reactions(
         features.T.copy(), np.ones(FEATURES), np.ones(count), begin, begin + length, steps.reshape(-1, 4), before,
-        reach, np.zeros(count),
+        reach, np.zeros(count), np.zeros(count, np.int64), no_networks(), np.zeros((count, 0, ACTIONS)),
     )  # fmt: skip
 
 
@@ -107,12 +110,12 @@ def test_the_own_acceleration_goes_on_where_it_differs_from_the_recorded_one_and
     steps = np.repeat([[0.3, 0.05, 0.1, 0.2]], 35, axis=0)
     one = reactions(1)._replace(steps=steps, before=steps[:1])
     now = APART + np.array([0, 0.5 - APART[0, 1], 0.3 - APART[0, 2], 0, 0, 0, 0, -0.3, 0.7])
-    age, recorded = np.arange(12)[:, None], [[0.3, 4.0 * 0.05], [0.1, 0.2]]
+    age, recorded = np.arange(10)[:, None], [[0.3, 4.0 * 0.05], [0.1, 0.2]]
     own = [[0.5, 2.0 * 0.3], [-0.3, 0.7]]  # the car's sideways one is its speed times its yaw rate
     for agent in (0, 1):
         fade = np.array(FADES[2 * agent : 2 * agent + 2]) ** age
         wanted = recorded[agent] + (np.array(own[agent]) - recorded[agent]) * fade
-        np.testing.assert_allclose(acted(one, agent, now, 1, steps=12)[:, 0], wanted)
+        np.testing.assert_allclose(acted(one, agent, now, 1, steps=10)[:, 0], wanted)
 
 
 def test_what_was_done_before_is_mirrored_with_the_reaction() -> None:
@@ -195,33 +198,93 @@ def test_an_onset_of_the_map_frame_is_that_of_the_moment() -> None:
 
 
 def test_a_bank_of_the_format_before_is_refused_in_words() -> None:
-    old = tensors_to_bytes({"here.side": np.ones(1, np.float32)}, "vpsci-people 2", {"people": ["here"]})
-    with pytest.raises(InvalidInput, match="mine: expected format 'vpsci-people 3'.*make the bank again"):
+    old = tensors_to_bytes({"here.side": np.ones(1, np.float32)}, "vpsci-people 3", {"people": ["here"]})
+    with pytest.raises(InvalidInput, match="mine: expected format 'vpsci-people 4'.*make the bank again"):
         policy_from_bytes(old, "mine")
 
 
-def test_a_car_that_does_not_brake_as_chosen_is_assumed_to_keep_its_velocity() -> None:
-    # In all reactions the vehicle brakes; in one the pedestrian stops, too. The car that is met does not brake, so at
-    # last the recorded stop is too late, and only twice as hard a one avoids contact.
+def keeps_apart(push: tuple[float, float, float], steps: int) -> bool:
+    """Whether `MEETS` at constant velocities, and a constant `push`, stays more than `MARGIN` apart."""
+    car, speed, walker, velocity = 0.0, 5.0, MEETS[0, 3:5].copy(), MEETS[0, 5:7].copy()
+    for _ in range(steps):
+        car, speed = car + 0.1 * speed + 0.005 * push[0], speed + 0.1 * push[0]
+        last, slows = velocity.copy(), np.dot(push[1:], velocity) < 0.0
+        if slows or np.dot(push[1:], MEETS[0, 5:7]) >= 0.0:
+            velocity += 0.1 * np.array(push[1:])
+        walker += 0.05 * (last + velocity)
+        if clearance(car, 0.0, 0.0, *walker) <= MARGIN:
+            return False
+    return True
+
+
+@pytest.mark.parametrize("agent", [0, 1])
+def test_where_every_reaction_leads_to_contact_the_least_acceleration_that_keeps_apart_is_added(agent: int) -> None:
+    if agent == 0:
+        pushes = [(way, 0.0, 0.0) for strength in EVASIONS for way in (-2.0 * strength, strength)]
+    else:  # faster or slower along its way, to the left; it is on the right, from where aside is the same as slower
+        pushes = [(0.0, 0.0, way) for strength in EVASIONS for way in (strength, -strength)]
+    least = next(push for push in pushes if keeps_apart(push, 30))
+    done = acted(reactions(1)._replace(steps=np.zeros((35, ACTIONS))), agent, MEETS, 1)[0, 0]
+    np.testing.assert_allclose(done, (least[0], 0.0) if agent == 0 else least[1:], atol=1e-9)
+    assert 0.0 < np.abs(least).max() < 4.0
+
+
+def test_a_car_that_deviates_from_the_chosen_reaction_is_expected_to_do_what_it_does() -> None:
+    # In every reaction both keep apart, since the vehicle brakes. The car that is met does not. Once it has deviated
+    # by LEFT, after two steps, its acceleration is expected to go on, and the pedestrian evades as soon as it sees
+    # contact within LOOKS steps; before a car that brakes as chosen it never does.
     own = reactions(count=32)
     steps = np.zeros((32, 35, ACTIONS))
     steps[:, :, 0] = -4.0
-    steps[9, :, 3] = 2.0  # to the left, recorded with the pedestrian on the left; here it is on the right
     own = own._replace(steps=steps.reshape(-1, ACTIONS))
-    count, stops = 64, []
-    replay, every = ReactionReplay(own, 1, count, False), np.ones(count, bool)
-    for frame in range(8):
-        situation = MEETS + np.array([0, 0, 0, -0.5, 0.1, 0, 0, 0, 0]) * frame
-        done = replay.step(
-            np.repeat(situation, count, axis=0),
-            keys(count, 7, 0, np.arange(count), frame=frame),
-            every & (frame == 0),
-            every,
-        )
-        stops.append((done[:, 1] == -2.0).mean())
-    assert stops[0] < 0.2
-    assert 1.0 in stops
-    assert (done[:, 1] == -4.0).all()
+    replay, every, evades = ReactionReplay(own, 1, 1, False), np.ones(1, bool), {}
+    for braking in (0.0, -4.0):
+        x, y, speed, evades[braking] = 10.0, -2.0, 5.0, []
+        for frame in range(12):
+            situation = np.array([[speed, braking, 0.0, x, y, 0.0, 1.0, 0.0, 0.0]])
+            done = replay.step(situation, keys(1, 7, 0, 0, frame=frame), every & (frame == 0), every)
+            evades[braking].append(bool(np.abs(done).max() > 0.0))
+            x, y, speed = x - 0.1 * speed - 0.005 * braking, y + 0.1, max(0.0, speed + 0.1 * braking)
+    first = evades[0.0].index(True)
+    assert 20 - LOOKS[1] - 6 <= first <= 20 - LOOKS[1], "the centres meet after 20 steps, the footprints earlier"
+    assert not any(evades[-4.0])
+
+
+def test_a_pedestrian_keeps_its_half_where_another_drivers_half_avoids_contact() -> None:
+    # In no reaction but one the vehicle brakes; what the pedestrian does is recorded with vehicles that do not.
+    own = reactions(count=16)
+    steps = np.zeros((16, 35, ACTIONS))
+    steps[:, :, 2] = 0.001 * np.arange(1, 17)[:, None]
+    steps[11, :, 0] = -4.0
+    own = own._replace(steps=steps.reshape(-1, ACTIONS))
+    walkers = np.round(acted(own, 1, MEETS, 2000)[0, :, 0] / 0.001).astype(int)
+    assert np.bincount(walkers, minlength=17)[1:].min() > 2000 / 16 - 5 * np.sqrt(2000 / 16)
+    np.testing.assert_allclose(acted(own, 0, MEETS, 50)[0, :, 0], -4.0)
+
+
+def networks(count: int = 5, width: int = 8) -> Networks:
+    rng = np.random.default_rng(2)
+    return Networks(*(0.1 * rng.standard_normal((count, *shape)) for shape in shapes(width)))
+
+
+def test_a_forecast_is_the_networks_output_and_counts_an_unknown_acceleration_as_none() -> None:
+    made, numbers = networks(), np.array([3, 0])
+    now = np.concatenate([APART, MEETS])
+    for number, situation, found in zip(numbers, now, forecasts(made, numbers, now), strict=True):
+        entry, entry_bias, inner, inner_bias, out, out_bias = (array[number] for array in made)
+        hidden = np.maximum(np.maximum(np.nan_to_num(situation) @ entry + entry_bias, 0.0) @ inner + inner_bias, 0.0)
+        np.testing.assert_allclose(found, (hidden @ out + out_bias).reshape(30, ACTIONS))
+
+
+def test_a_reaction_adds_half_of_what_the_forecasts_differ_by() -> None:
+    own = with_means(reactions(1)._replace(networks=networks(), unseen_by=np.array([2]), features=describe(APART)[0].T))
+    now = APART + np.array([1.0, 0.2, 0, 0.5, 0, 0, 0.3, 0.1, 0])
+    before = APART.copy()
+    before[0, [1, 2, 7, 8]] = own.before[0]
+    before[0, 2] *= APART[0, 0]
+    more = forecasts(own.networks, np.array([0]), now)[0] - forecasts(own.networks, np.array([2]), before)[0]
+    fade = 0.5 * np.array([[0.1 * FADES[2] ** k, 0.0] for k in range(5)])  # half of the own acceleration, which fades
+    np.testing.assert_allclose(acted(own, 1, now, 1, steps=5)[:, 0], 0.5 * more[:5, 2:] + fade, atol=1e-6)
 
 
 @pytest.mark.parametrize("agent", [0, 1])
@@ -249,13 +312,16 @@ def test_a_row_has_the_same_bits_in_any_batch() -> None:
 
 
 def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -> None:
-    bank = Bank({"here": reactions()}, {"data": {"clips": 3}})
+    learned = reactions()._replace(networks=networks(), unseen_by=1 + np.arange(80) % 4)
+    bank = Bank({"here": learned}, {"data": {"clips": 3}})
     save_bank(tmp_path / "own.safetensors", bank)
     again = load_policy(tmp_path / "own.safetensors")
     assert isinstance(again, Bank)
     assert again.facts["data"] == {"clips": 3}
-    for one, other in zip(again.of("here"), bank.of("here"), strict=True):
+    for one, other in zip(again.of("here")[:-2], bank.of("here")[:-2], strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
+    np.testing.assert_allclose(again.of("here").networks.exit, bank.of("here").networks.exit, rtol=1e-6)
+    np.testing.assert_allclose(again.of("here").means, with_means(bank.of("here")).means, rtol=1e-4, atol=1e-6)
     data = bytearray(bank_to_bytes(bank))
     data[-1] ^= 1
     with pytest.raises(InvalidInput, match="its tensors are not those it was written with"):
@@ -264,6 +330,8 @@ def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -
         bank.of("vci")
     with pytest.raises(InvalidInput, match="do not fit together"):
         bank_from_bytes(bank_to_bytes(Bank({"here": reactions()._replace(end=np.full(80, 9999))})))
+    with pytest.raises(InvalidInput, match="do not fit together"):
+        bank_from_bytes(bank_to_bytes(Bank({"here": learned._replace(unseen_by=np.full(80, 5))})))
 
 
 def test_situations_of_another_place_serve_where_the_own_place_has_none_alike() -> None:

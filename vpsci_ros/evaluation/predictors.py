@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.policy.bank import Bank, situations_of, source_of
-from vpsci_ros.policy.choice import FADES, ReactionReplay
+from vpsci_ros.policy.choice import ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.policy_file import Policy
+from vpsci_ros.policy.reaction import FADES
 from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import CRITICAL_TTC

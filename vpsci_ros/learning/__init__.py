@@ -7,6 +7,7 @@ In reading order:
 * `pretrain`: stage 1: both agents learn from recorded near misses (Algorithm 1), by one of the `objectives`
 * `refine`: stage 2: the pre-trained policies are trained further in simulation (section 3.2)
 * `closed_loop`: both actors rolled out in closed loop through the kinematics, with gradients
+* `forecast`: a forecast for a bank, learned by five trainings of stage 1 from near misses
 * `online`: stage 2 in one process: world, monitor, policies and learner called in turn
 * `maddpg`: one update of Algorithm 1: critics by temporal difference, actors by the policy gradient
 * `objectives`: training objectives of the actors by name, for both stages; critics learn by temporal difference

@@ -5,6 +5,8 @@ In reading order:
 * `people_agent`: the agents `people`: from a world state to an action by a bank's reactions
 * `bank`: a bank of recorded reactions: the actions of both agents after many recorded situations
 * `choice`: the choice of a recorded reaction for an agent, by a roll-out of each candidate
+* `reaction`: a chosen reaction: actions at each step, a roll-out of its rest, and the least evasion
+* `forecast`: what both agents do on average in the 3 s after a situation, by a small network
 * `onset_range`: the range of recorded onsets of a source: speeds, distances, walking speeds and angles
 * `make_bank`: make a bank of recorded reactions from near misses
 * `policy_file`: the file of a policy: a bank of recorded reactions or weights of networks

@@ -6,8 +6,9 @@ frame, and acceleration and yaw rate of the vehicle. On which side the pedestria
 are exchanged where the sides differ. A vehicle's sideways motion is a curvature, so that a slow one does not swerve as
 a fast one.
 
-`vpsci people` makes a bank of a near-miss table (`vpsci_ros.policy.make_bank`); its file is safetensors, and holds no
-network. `vpsci_ros.policy.choice` chooses a reaction for an agent.
+`vpsci people` makes a bank of a near-miss table (`vpsci_ros.policy.make_bank`); its file is safetensors. With
+`--forecast` it also holds a forecast of what both agents do on average. `vpsci_ros.policy.choice` chooses a reaction
+for an agent.
 """
 
 import hashlib
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.forecast import Networks, forecasts, shapes
 from vpsci_ros.policy.onset_range import LEVELS, QUANTITIES
 from vpsci_ros.policy.tensor_file import read_tensors, tensors_to_bytes
 from vpsci_ros.runs.files import atomic_write
@@ -27,7 +29,7 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
 
 FAMILY = "vpsci-people"
-FORMAT = f"{FAMILY} 3"  # 2: slopes of the actions, and no accelerations before a situation
+FORMAT = f"{FAMILY} 4"  # 3: no forecast
 SITUATION, FEATURES = 9, 8  # numbers of a situation, and of what makes it like another one
 ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
 SLOWEST = 1.0  # [m/s] a slower vehicle steers as at this speed
@@ -47,6 +49,10 @@ class Reactions(NamedTuple):
     :ivar reach: float64[4, 5], quantiles of the onsets, see `vpsci_ros.policy.onset_range`.
     :ivar far: float64[M], added to the squared distance of each situation: 0, or more for a situation of another
         source, which serves where the own source has nothing like it.
+    :ivar unseen_by: int64[M], the network of the forecast that has not seen the reaction's clip.
+    :ivar networks: of the forecast.
+    :ivar means: float64[M, 30, 4], the forecast after each situation by that network, see `ACTIONS`; float64[M, 0, 4]
+        without a forecast. A bank's file does not hold it.
     """
 
     features: Floats
@@ -58,6 +64,9 @@ class Reactions(NamedTuple):
     before: Floats
     reach: Floats
     far: Floats
+    unseen_by: NDArray[np.int64]
+    networks: Networks
+    means: Floats
 
 
 @dataclass(frozen=True)
@@ -152,12 +161,22 @@ def _describe(situations, features, side):  # type: ignore[no-untyped-def]
         side[i] = features_of(situations[i], features[i])
 
 
+def with_means(own: Reactions) -> Reactions:
+    """Return reactions with their `means`, the forecasts after their situations."""
+    features, situations = own.features.T * own.scale, np.empty((len(own.side), SITUATION))
+    situations[:, [0, 3, 5]], situations[:, [4, 6]] = features[:, [0, 2, 4]], features[:, [3, 5]] * own.side[:, None]
+    situations[:, [1, 2, 7, 8]] = own.before
+    situations[:, 2] *= np.maximum(situations[:, 0], SLOWEST)
+    return own._replace(means=forecasts(own.networks, own.unseen_by, situations))
+
+
 def bank_to_bytes(bank: Bank) -> bytes:
     """Return the bytes of a bank's file; equal banks give equal bytes."""
     tensors = {
         f"{people}.{name}": np.ascontiguousarray(value, np.float32)
         for people, reactions in bank.reactions.items()
-        for name, value in reactions._asdict().items()
+        for name, value in (reactions._asdict() | reactions.networks._asdict()).items()
+        if name not in ("networks", "means")
     }
     return tensors_to_bytes(tensors, FORMAT, {"people": list(bank.reactions), **bank.facts})
 
@@ -182,27 +201,25 @@ def bank_from_bytes(data: bytes, where: str = "bank") -> Bank:
 
 def _reactions(tensors: Mapping[str, NDArray[np.float32]], people: str, where: str) -> Reactions:
     parts: dict[str, Any] = {}
-    for name in Reactions._fields:
+    for name in (*Reactions._fields[:-2], *Networks._fields):
         if f"{people}.{name}" not in tensors:
             raise InvalidInput(f"{where}: tensor {people}.{name} is missing; make the bank again (`vpsci people`)")
-        parts[name] = tensors[f"{people}.{name}"].astype(np.int64 if name in ("begin", "end") else np.float64)
-    own = Reactions(**parts)
-    count, steps = len(own.side), len(own.steps)
-    shapes = (
-        (FEATURES, count),
-        (FEATURES,),
-        (count,),
-        (count,),
-        (count,),
-        (steps, ACTIONS),
-        (count, ACTIONS),
-        (len(QUANTITIES), len(LEVELS)),
-        (count,),
-    )
-    for name, value, shape in zip(own._fields, own, shapes, strict=True):
+        whole = name in ("begin", "end", "unseen_by")
+        parts[name] = tensors[f"{people}.{name}"].astype(np.int64 if whole else np.float64)
+    count, steps = len(parts["side"]), len(parts["steps"])
+    wanted = [
+        (FEATURES, count), (FEATURES,), (count,), (count,), (count,), (steps, ACTIONS), (count, ACTIONS),
+        (len(QUANTITIES), len(LEVELS)), (count,), (count,),
+    ]  # fmt: skip
+    number, width = (*parts["entry_bias"].shape, 0, 0)[:2]
+    wanted += [(number, *shape) for shape in shapes(width)]
+    for (name, value), shape in zip(parts.items(), wanted, strict=True):
         if value.shape != shape:
             raise InvalidInput(f"{where}: tensor {people}.{name}: expected shape {shape}, got {value.shape}")
+    networks = Networks(*(parts.pop(name) for name in Networks._fields))
+    own = Reactions(**parts, networks=networks, means=np.zeros((count, 0, ACTIONS)))
     right = (own.begin >= 0) & (own.begin < own.end) & (own.end <= steps) & (np.abs(own.side) == 1.0) & (own.far >= 0.0)
+    right &= (own.unseen_by >= 0) & (own.unseen_by < max(number, 1))
     if count == 0 or not right.all() or not (own.scale > 0.0).all() or (np.diff(own.reach, axis=1) < 0.0).any():
         raise InvalidInput(f"{where}: the reactions of {people!r} do not fit together; make the bank again")
-    return own
+    return with_means(own)

@@ -1,20 +1,14 @@
-"""The choice of a recorded reaction for an agent, by a roll-out of each candidate.
+"""The choice of a recorded reaction for an agent, and the least evasion where it leads to contact.
 
-A reaction is drawn among those of the `NEAREST` most similar situations, evenly among the ones by which the two do not
-touch within 3 s. If all these lead to contact, the nearest situation of the whole bank without contact is taken; if
-there is none, the nearest by which the two do not touch where both react harder than recorded (`HARDER`); else the one
-of the `NEAREST` with the latest contact. A reaction is chosen again when it ends, and as soon as its rest leads to
-contact.
-
-A reaction is what was done beyond the acceleration at the situation: to each recorded step is added by how much the
-agent's own acceleration differs from the recorded one, fading by `FADES` a step. Where the own one is not known, the
-reaction is the recorded one. A roll-out finds whether the two touch, or come nearer than `MARGIN`: both move by the
-world's own kinematics, and keep their velocities for `BEYOND` steps where the recording ends sooner.
+A reaction is drawn among those of the `NEAREST` most similar situations, evenly among the ones by which the two stay
+`MARGIN` apart for 3 s. A drawn pedestrian keeps its half of the reaction, and up to `OTHERS` further drivers are tried
+with it, since drivers yield; then the next pedestrian is. If all come nearer, those with the latest contact are taken.
+A reaction is chosen again when it ends, and after `AGAIN` steps if its rest comes nearer than `MARGIN`.
 
 Driver and pedestrian draw by the same numbers and see the same, so they choose two halves of one reaction. If the other
 agent deviates from the chosen reaction by more than `LEFT` (a driving system, a walker who does not look), it is
-unpredicted: from then on it is assumed to keep its velocity, and only the own half is chosen. The world's limit of jerk
-makes agents deviate, too.
+unpredicted. Then an agent chooses again after each `AGAIN` steps, by what the other one does now, and
+looks ahead for `LOOKS` steps. Where the two would come near, an agent evades (`vpsci_ros.policy.reaction`).
 """
 
 import math
@@ -26,39 +20,19 @@ from numpy.typing import NDArray
 
 from vpsci_ros.policy.bank import ACTIONS, FEATURES, SLOWEST, Reactions, features_of
 from vpsci_ros.policy.draws import Keys
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
+from vpsci_ros.policy.forecast import forecast
+from vpsci_ros.policy.reaction import CAR, CHOSEN, NOBODY, WALKER, done_after, evasion, near_after
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_REACTION, philox, unit
-from vpsci_ros.world.kinematics import brake_for, drive, steer_to, throttle_for, walk
-from vpsci_ros.world.observation import STEP, from_heading_frame
+from vpsci_ros.world.observation import STEP
 
 NEAREST = 64  # situations of which one is chosen; a power of two, and fewer where a bank has fewer
+OTHERS = 8  # drivers that are tried with a pedestrian besides its own
 WIDEST = 3.0  # the largest ratio of the vehicle's speed to the recorded one that counts, and 1 over the least
-FADES = 0.95, 0.95, 0.7, 0.7  # by which a step multiplies what is added to the recorded steps, see `ACTIONS`
-FADED = np.array(FADES) ** np.arange(100)[:, None]  # float64[100, 4], after so many steps; then hardly anything is left
 AHEAD = 30  # steps that a roll-out looks ahead
-BEYOND = 20  # steps for which both keep their velocities after a reaction
-MARGIN = 0.1  # [m] between the footprints: a roll-out looks each 0.1 s, and contacts happen in between
-HARDER = 1.0, 2.0, 3.0  # by which recorded actions are multiplied, in turn, until one of the whole bank avoids contact
-LEFT = 0.05  # [m] by which the other agent may deviate from the chosen reaction
-CLOSE = (
-    math.hypot(0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH) + PEDESTRIAN_RADIUS + MARGIN + 0.01
-)  # [m] none nearer beyond
-
-NOBODY, CAR, WALKER = 0, 1, 2  # the unpredicted agent, which keeps its velocity
-
-CHOSEN = np.dtype(  # a chosen reaction
-    [
-        ("begin", "i8"), ("at", "i8"), ("end", "i8"),  # steps of the bank: first, next, one past the last
-        ("mirror", "f8"),  # 1; -1: left and right are exchanged
-        ("hard", "f8"),  # by which recorded actions are multiplied
-        ("bend", "f8"),  # by which curvatures are multiplied besides
-        ("more", "f8", ACTIONS),  # own acceleration less the recorded one, which fades
-        ("expected", "f8", 2),  # [m/s] velocity of the other one at the next step: forward and left; a vehicle's speed
-        ("apart", "f8"),  # [m] by which the other agent has deviated since the hand-over
-        ("situation", "i8"),  # number of the situation, counted from 1; 0: none yet
-    ]
-)  # fmt: skip
+LOOKS = 20, 15  # steps that driver and pedestrian look ahead where the other one is unpredicted
+LEFT = 0.2  # [m] by which the other agent may deviate from the chosen reaction
+AGAIN = 8  # steps after which a reaction may be chosen again
 
 
 class Room(NamedTuple):
@@ -67,62 +41,25 @@ class Room(NamedTuple):
     own: NDArray[np.float64]  # [8] features
     gaps: NDArray[np.float64]  # [M] squared distances of features
     near: NDArray[np.int64]  # [n] the nearest situations, the nearest first
-    trial: NDArray[np.void]  # CHOSEN[1]
+    hidden: NDArray[np.float64]  # [2, H] of the forecast
     done: NDArray[np.float64]  # [4] see `ACTIONS`
 
 
 @kernel
-def _done(chosen, steps, at, out):  # type: ignore[no-untyped-def]
-    """Write the actions of both agents at step `at` of the bank to float64[4], see `ACTIONS`."""
-    age = min(at - chosen.begin, len(FADED) - 1)
-    for k in range(ACTIONS):
-        recorded = steps[at, k] * chosen.hard * (chosen.mirror if k % 2 else 1.0)  # the odd ones point left
-        if k == 1:
-            recorded *= chosen.bend
-        out[k] = recorded + chosen.more[k] * FADED[age, k]
-
-
-@kernel
-def _free_steps(situation, who, steps, done):  # type: ignore[no-untyped-def]
-    """Return after how many steps the two touch by the rest of the chosen reaction; `AHEAD`: not within these."""
-    chosen, keeps_lane, unpredicted = who
-    x, y, heading, speed = 0.0, 0.0, 0.0, situation[0]  # in the vehicle's heading frame of the situation
-    arc = 0.0 if math.isnan(situation[2]) else steer_to(situation[2] / max(speed, SLOWEST))
-    px, py, vx, vy = situation[3], situation[4], situation[5], situation[6]
-    for k in range(min(AHEAD, chosen.end + BEYOND - chosen.at)):
-        done[:] = 0.0
-        if chosen.at + k < chosen.end:
-            _done(chosen, steps, chosen.at + k, done)
-        if unpredicted == CAR:
-            done[0] = done[1] = 0.0
-        elif unpredicted == WALKER:
-            done[2] = done[3] = 0.0
-        ax, ay = from_heading_frame(heading, done[2], done[3])
-        pedals = throttle_for(done[0]), brake_for(done[0])
-        along = arc if abs(heading) < 0.5 * math.pi else 0.0  # the arc of the start, by 90 degrees, as in CurvTTC
-        steer = along if keeps_lane else steer_to(done[1])
-        x, y, heading, speed, _ = drive(x, y, heading, speed, steer, *pedals, STEP)
-        px, py, vx, vy = walk(px, py, vx, vy, ax, ay, 1.0, math.inf, STEP)
-        if (px - x) * (px - x) + (py - y) * (py - y) > CLOSE * CLOSE:
-            continue  # most steps: a clearance costs a sine and a cosine
-        if clearance_pair(x, y, heading, px, py, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= MARGIN:
-            return k
-    return AHEAD
-
-
-@kernel
-def _take(situation, side, reactions, picked, hard, chosen):  # type: ignore[no-untyped-def]
-    """Make `chosen` the reaction of situation `picked`, `hard` times, with the pedestrian on `side`."""
-    chosen.begin = chosen.at = reactions.begin[picked]
-    chosen.end, chosen.mirror = reactions.end[picked], side * reactions.side[picked]
-    chosen.situation, chosen.hard = picked + 1, hard
+def _take(situation, side, reactions, picked, half, chosen):  # type: ignore[no-untyped-def]
+    """Make one half of `chosen`, 0 the driver's or 1 the pedestrian's, that of situation `picked`, on `side`."""
+    chosen.begin[half], chosen.end[half] = reactions.begin[picked], reactions.end[picked]
+    chosen.mirror[half], chosen.situation[half] = side * reactions.side[picked], picked + 1
     speed = max(situation[0], SLOWEST)
-    wide = min(max(speed / max(reactions.features[0, picked] * reactions.scale[0], SLOWEST), 1.0 / WIDEST), WIDEST)
-    chosen.bend = 1.0 / (wide * wide)  # the recorded sideways acceleration, not the recorded bend
-    chosen.more[0], chosen.more[1] = situation[1], situation[2] / speed
-    chosen.more[2], chosen.more[3] = situation[7], situation[8]
-    for k in range(ACTIONS):
-        recorded = reactions.before[picked, k] * (chosen.mirror if k % 2 else 1.0)
+    if half == 0:
+        wide = speed / max(reactions.features[0, picked] * reactions.scale[0], SLOWEST)
+        wide = min(max(wide, 1.0 / WIDEST), WIDEST)
+        chosen.bend = 1.0 / (wide * wide)  # the recorded sideways acceleration, not the recorded bend
+        chosen.more[0], chosen.more[1] = situation[1], situation[2] / speed
+    else:
+        chosen.more[2], chosen.more[3] = situation[7], situation[8]
+    for k in range(2 * half, 2 * half + 2):
+        recorded = reactions.before[picked, k] * (chosen.mirror[half] if k % 2 else 1.0)
         if k == 1:
             recorded *= chosen.bend
         chosen.more[k] -= recorded
@@ -155,41 +92,33 @@ def _nearest(own, features, far, gaps, near):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _choose(situation, key, reactions, who, free, room):  # type: ignore[no-untyped-def]
-    """Make `chosen` a reaction without contact for more than `free` steps, if there is one.
-
-    The nearest are tried in an order that the key draws, up to the first by which the two do not touch at all.
-    """
-    chosen, keeps_lane, unpredicted = who
+def _choose(situation, key, reactions, who, room):  # type: ignore[no-untyped-def]
+    """Make `chosen` a drawn reaction; where nobody is unpredicted, one without contact if there is one."""
+    chosen, _, unpredicted = who
     side = features_of(situation, room.own)
     for k in range(FEATURES):
         room.own[k] /= reactions.scale[k]
     _nearest(room.own, reactions.features, reactions.far, room.gaps, room.near)
+    if reactions.means.shape[1]:
+        forecast(reactions.networks, 0, situation, room.hidden, chosen.mean)
     stream = uint64(STREAM_REACTION) + (key[4] << uint64(8))
     drawn = philox(key[0], key[1], uint64(0), stream, key[2], key[3])
     count = room.near.size
     # an odd stride meets each of a power of two once
     first, stride = int(unit(drawn[0]) * count), 2 * int(unit(drawn[1]) * (count // 2)) + 1
-    trial, steps, picked, hard = room.trial[0], reactions.steps, -1, 1.0
-    for c in range(count):
-        m = room.near[(first + c * stride) % count]
-        _take(situation, side, reactions, m, 1.0, trial)
-        without = _free_steps(situation, (trial, keeps_lane, unpredicted), steps, room.done)
-        if without > free:
-            free, picked = without, m
-            if free == AHEAD:
-                break
-    for harder in HARDER:
-        if free == AHEAD:
-            break
-        least = math.inf
-        for m in range(room.gaps.size):
-            if room.gaps[m] < least:
-                _take(situation, side, reactions, m, harder, trial)
-                if _free_steps(situation, (trial, keeps_lane, unpredicted), steps, room.done) == AHEAD:
-                    free, least, picked, hard = AHEAD, room.gaps[m], m, harder
-    if picked >= 0:
-        _take(situation, side, reactions, picked, hard, chosen)
+    look, latest, best_driver, best_walker = (AHEAD if unpredicted == NOBODY else 0), -1, 0, 0
+    chosen.age = 0
+    for walker in range(count):
+        _take(situation, side, reactions, room.near[(first + walker * stride) % count], 1, chosen)
+        for driver in range(walker, walker + 1 + min(OTHERS, count - 1)):
+            _take(situation, side, reactions, room.near[(first + driver * stride) % count], 0, chosen)
+            after = near_after(situation, who, (0.0, 0.0, 0.0), look, reactions, room.done)
+            if after == look:
+                return
+            if after > latest:
+                latest, best_driver, best_walker = after, driver, walker
+    _take(situation, side, reactions, room.near[(first + best_driver * stride) % count], 0, chosen)
+    _take(situation, side, reactions, room.near[(first + best_walker * stride) % count], 1, chosen)
 
 
 @kernel
@@ -218,27 +147,33 @@ def _act(situation, key, reset, actor, reactions, chosen, room, out):  # type: i
     """Write an agent's accelerations (forward, left) [m/s2] at this step to float64[2]."""
     agent, keeps_lane = actor
     if reset:
-        chosen.apart, chosen.begin, chosen.at, chosen.end = 0.0, -1, 0, 0
+        chosen.apart, chosen.age = 0.0, 0
+        chosen.begin[:] = chosen.end[:] = 0
     else:
         _watch(situation, agent, chosen)
     unpredicted = NOBODY
     if chosen.apart > LEFT:
         unpredicted = WALKER if agent == 0 else CAR
-    free = -1
-    if chosen.at < chosen.end:
-        free = _free_steps(situation, (chosen, keeps_lane, unpredicted), reactions.steps, room.done)
-    if free < AHEAD:
-        begin, at = chosen.begin, chosen.at
-        _choose(situation, key, reactions, (chosen, keeps_lane, unpredicted), free, room)
-        if chosen.begin != begin or chosen.at != at:
-            other = (situation[5], situation[6]) if agent == 0 else (situation[0], 0.0)
-            chosen.expected[0], chosen.expected[1] = other
-    _done(chosen, reactions.steps, chosen.at, room.done)
-    chosen.at += 1
+    who, push = (chosen, keeps_lane, unpredicted), (0.0, 0.0, 0.0)
+    look = AHEAD if unpredicted == NOBODY else LOOKS[agent]
+    ended = chosen.age >= min(chosen.end[0] - chosen.begin[0], chosen.end[1] - chosen.begin[1])
+    near = ended or near_after(situation, who, push, look, reactions, room.done) < look
+    if ended or (chosen.age >= AGAIN and (near or unpredicted != NOBODY)):
+        _choose(situation, key, reactions, who, room)
+        other = (situation[5], situation[6]) if agent == 0 else (situation[0], 0.0)
+        chosen.expected[0], chosen.expected[1] = other
+    if near or chosen.age == 0:
+        push = evasion(situation, who, agent, look, reactions, room.done)
+    done_after(chosen, reactions, chosen.age, room.done)
+    chosen.age += 1
     _expect(situation, agent, room.done, chosen)
     fast = max(situation[0], SLOWEST)
-    out[0] = room.done[2 * agent]
-    out[1] = room.done[2 * agent + 1] * (fast * fast if agent == 0 else 1.0)
+    if agent == 0:
+        out[0], out[1] = room.done[0] + push[0], room.done[1] * fast * fast
+    else:
+        slow = push[1] * situation[5] + push[2] * situation[6]  # no push beyond standing
+        most = -slow / (STEP * (push[1] * push[1] + push[2] * push[2])) if slow < 0.0 else 1.0
+        out[0], out[1] = room.done[2] + min(most, 1.0) * push[1], room.done[3] + min(most, 1.0) * push[2]
 
 
 @kernel
@@ -265,8 +200,8 @@ class ReactionReplay:
         count = 2 ** int(math.log2(min(NEAREST, len(reactions.side))))
         self._reactions, self._actor, self.slots = reactions, (agent, keeps_lane), np.zeros(capacity, CHOSEN)
         self._room = Room(
-            np.empty(FEATURES), np.empty(len(reactions.side)), np.zeros(count, np.int64), np.zeros(1, CHOSEN),
-            np.empty(ACTIONS),
+            np.empty(FEATURES), np.empty(len(reactions.side)), np.zeros(count, np.int64),
+            np.empty((2, reactions.networks.entry_bias.shape[1])), np.empty(ACTIONS),
         )  # fmt: skip
 
     def step(

@@ -7,24 +7,28 @@ Recorded accelerations are those of a motion with little jerk, fitted to the rec
 published speeds are noisy, and do not lead along these positions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses, split_by_name, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import (
+    ACTIONS,
     SLOWEST,
     Bank,
     Reactions,
     describe,
     situations_of,
     source_of,
+    with_means,
 )
+from vpsci_ros.policy.forecast import CrossFitted, no_networks
 from vpsci_ros.policy.onset_range import onsets_of, range_of
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.safety.compiled import kernel
@@ -40,11 +44,18 @@ _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicl
 Floats = NDArray[np.float64]
 
 
-def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), others: Sequence[str | Path] = ()) -> Bank:
+def bank_of_tables(
+    names: Sequence[str | Path],
+    without: Sequence[str] = (),
+    others: Sequence[str | Path] = (),
+    forecast_of: Callable[[str, pl.DataFrame], CrossFitted | None] | None = None,
+) -> Bank:
     """Return the bank of near-miss tables of whole tracks, see `vpsci_ros.data.near_misses.read_near_misses`.
 
     :param without: beginnings of the names, "source/clip", of clips whose reactions are left out.
     :param others: tables of other places. Their reactions serve each source where it has none like them (`FOREIGN`).
+    :param forecast_of: from a source's name and near misses to its forecast, or None for a source without one; see
+        `vpsci_ros.learning.forecast`.
     :raises InvalidInput: a table is refused, a clip is in two tables, no clip has a name of `without`, nothing is left,
         no onset has 3 s recorded after it, or every source is also in `others`.
     """
@@ -55,6 +66,7 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     motions = [part.select(MOTION).to_numpy() for part in parts]
     first = np.array([(part["curvttc"] < CRITICAL_TTC).arg_max() for part in parts], np.int64)
     sources = np.array([source_of(part["source"][0]) for part in parts])
+    clips = [f"{part['source'][0]}/{part['clip'][0]}" for part in parts]
     foreign = {source_of(source) for other in elsewhere for source in other["source"].unique()}
     own = [name for name in dict.fromkeys(sources.tolist()) if name not in foreign]
     if foreign and not own:
@@ -63,7 +75,11 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
     people = {}
     for name in own:
         rows = np.flatnonzero((sources == name) | borrowed)
-        reactions = reactions_of([motions[row] for row in rows], first[rows], borrowed[rows])
+        forecast = None
+        if forecast_of is not None:
+            forecast = forecast_of(name, pl.concat([parts[row] for row in rows]))
+        chosen = [motions[row] for row in rows], first[rows], borrowed[rows], [clips[row] for row in rows]
+        reactions = reactions_of(*chosen, forecast)
         if reactions is not None:
             people[name] = reactions
     if not people:
@@ -73,7 +89,7 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
         )
     facts: dict[str, Any] = {
         "interactions": len(parts),
-        "clips": len({(part["source"][0], part["clip"][0]) for part in parts}),
+        "clips": len(set(clips)),
         "sha256": table_hash(table),
         "held_out_clips": clips_of(held_out),
     }
@@ -81,13 +97,18 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = (), oth
 
 
 def reactions_of(
-    motions: Sequence[Floats], first: NDArray[np.int64], foreign: NDArray[np.bool_] | None = None
+    motions: Sequence[Floats],
+    first: NDArray[np.int64],
+    foreign: NDArray[np.bool_] | None = None,
+    clips: Sequence[str] = (),
+    forecast: CrossFitted | None = None,
 ) -> Reactions | None:
     """Return the reactions of N motions of one source; None if no onset has 3 s after it.
 
     :param motions: float64[T, 9] each, of two steps or more.
     :param first: int64[N], the step of the onset.
     :param foreign: bool[N], the motion is of another place: each of its situations counts as `FOREIGN` further away.
+    :param clips: "source/clip" of each motion; read with a forecast.
     """
     known = np.array([len(motion) - 1 for motion in motions])  # steps whose actions are known
     onsets = np.flatnonzero(first <= known - LEAST)
@@ -103,7 +124,8 @@ def reactions_of(
     scale = np.maximum(features[:count].std(axis=0), 1e-3)
     before = situations[:, [1, 2, 7, 8]]
     before[:, 1] /= np.maximum(situations[:, 0], SLOWEST)
-    return Reactions(
+    unseen_by = np.array([forecast.unseen_by[clip] for clip in clips] if forecast else [0] * len(motions))[rows]
+    made = Reactions(
         features=np.ascontiguousarray((features / scale).T),
         scale=scale,
         side=side,
@@ -113,7 +135,11 @@ def reactions_of(
         before=before,
         reach=range_of(onsets_of(situations[:count])),
         far=np.zeros(len(rows)) if foreign is None else np.where(foreign[rows], FOREIGN**2, 0.0),
+        unseen_by=unseen_by,
+        networks=forecast.networks if forecast else no_networks(),
+        means=np.zeros((len(rows), 0, ACTIONS)),
     )
+    return with_means(made)
 
 
 def recorded_situations(motion: Floats) -> Floats:

@@ -46,7 +46,7 @@ class PeopleAtWork:
 
     def recorded(self, slot: int) -> int:
         """Return the number of the recorded situation whose reaction acts in a slot; -1: none yet."""
-        return int(self._replay.slots["situation"][slot]) - 1
+        return int(self._replay.slots["situation"][slot, self._agent]) - 1
 
     def beyond(self, slot: int) -> bool | None:
         """Return whether a slot's last hand-over was beyond the range of the recorded onsets; None: none yet."""
