@@ -1,6 +1,6 @@
 """How well a measure warns: the AUC of CurvTTC, 2D TTC and the distance of the centres on recorded near misses.
 
-    python benchmarks/warnings.py right_turns
+    python benchmarks/curvttc_warning.py right_turns
 
 Steps are 1 s apart, from 0.5 s after the beginning of a track to 3 s before its end, where the footprints are at least
 0.5 m apart. The event of a step is a clearance below 0.5 m within the next 3 s. AUC: the share of pairs of a step with
