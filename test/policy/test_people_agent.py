@@ -26,7 +26,7 @@ from vpsci_ros.policy.bank import (
     save_bank,
     with_means,
 )
-from vpsci_ros.policy.choice import LOOKS, NEAREST, ReactionReplay
+from vpsci_ros.policy.choice import AGAIN, LOOKS, NEAREST, ReactionReplay
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.forecast import Networks, forecasts, no_networks, shapes
 from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
@@ -110,12 +110,12 @@ def test_the_own_acceleration_goes_on_where_it_differs_from_the_recorded_one_and
     steps = np.repeat([[0.3, 0.05, 0.1, 0.2]], 35, axis=0)
     one = reactions(1)._replace(steps=steps, before=steps[:1])
     now = APART + np.array([0, 0.5 - APART[0, 1], 0.3 - APART[0, 2], 0, 0, 0, 0, -0.3, 0.7])
-    age, recorded = np.arange(10)[:, None], [[0.3, 4.0 * 0.05], [0.1, 0.2]]
+    age, recorded = np.arange(AGAIN)[:, None], [[0.3, 4.0 * 0.05], [0.1, 0.2]]
     own = [[0.5, 2.0 * 0.3], [-0.3, 0.7]]  # the car's sideways one is its speed times its yaw rate
     for agent in (0, 1):
         fade = np.array(FADES[2 * agent : 2 * agent + 2]) ** age
         wanted = recorded[agent] + (np.array(own[agent]) - recorded[agent]) * fade
-        np.testing.assert_allclose(acted(one, agent, now, 1, steps=10)[:, 0], wanted)
+        np.testing.assert_allclose(acted(one, agent, now, 1, steps=AGAIN)[:, 0], wanted)
 
 
 def test_what_was_done_before_is_mirrored_with_the_reaction() -> None:
@@ -252,13 +252,13 @@ def test_a_car_that_deviates_from_the_chosen_reaction_is_expected_to_do_what_it_
 
 def test_a_pedestrian_keeps_its_half_where_another_drivers_half_avoids_contact() -> None:
     # In no reaction but one the vehicle brakes; what the pedestrian does is recorded with vehicles that do not.
-    own = reactions(count=16)
-    steps = np.zeros((16, 35, ACTIONS))
-    steps[:, :, 2] = 0.001 * np.arange(1, 17)[:, None]
-    steps[11, :, 0] = -4.0
+    own = reactions(count=8)
+    steps = np.zeros((8, 35, ACTIONS))
+    steps[:, :, 2] = 0.001 * np.arange(1, 9)[:, None]
+    steps[5, :, 0] = -4.0
     own = own._replace(steps=steps.reshape(-1, ACTIONS))
     walkers = np.round(acted(own, 1, MEETS, 2000)[0, :, 0] / 0.001).astype(int)
-    assert np.bincount(walkers, minlength=17)[1:].min() > 2000 / 16 - 5 * np.sqrt(2000 / 16)
+    assert np.bincount(walkers, minlength=9)[1:].min() > 2000 / 8 - 5 * np.sqrt(2000 / 8)
     np.testing.assert_allclose(acted(own, 0, MEETS, 50)[0, :, 0], -4.0)
 
 
