@@ -246,7 +246,7 @@ def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, m
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return atomic_write(path)
 
-    monkeypatch.setattr("vpsci_ros.generate.parts.atomic_write", full)
+    monkeypatch.setattr("vpsci_ros.runs.journal.atomic_write", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
         generate(job, TARGETS, tmp_path / "d", lambda parts: Serial(job_in(parts, job, 64)), unit=UNIT)
     monkeypatch.undo()

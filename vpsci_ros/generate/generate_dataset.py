@@ -160,12 +160,9 @@ def _reopen(data: Dataset, plan: DatasetPlan, parts: Parts) -> None:
 
 def _resume(plan: DatasetPlan, parts: Parts) -> None:
     """Record the finished units, and name the files that are no part of this run."""
-    for path, number, first in parts.files():
-        scenario = plan.scenarios.get(number)
-        unit = None if scenario is None else scenario.unit_from(first)
-        part = None if unit is None else parts.load(unit)
-        if scenario is not None and unit is not None and part is not None:
-            scenario.take(unit, _kept(part[0]))
+    for path, unit in parts.files(plan):
+        if unit is not None and (part := parts.load(unit)) is not None:
+            plan.scenarios[unit.scenario].take(unit, _kept(part[0]))
         else:
             print(f"note: {path} is damaged or no part of this run, so it is not used", file=sys.stderr)
 

@@ -1,17 +1,15 @@
 """The parts of an unfinished dataset: an Arrow file for each finished unit of work; a stopped run resumes from them.
 
-The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts. A part is a
-checksum and the Arrow table of its episodes' rows as the dataset has them, with the records of all its episodes in the
-schema. A part appears whole, by a rename. The checksum covers the identity of the run, the unit and the content: the
-unit of a part that is damaged, or another unit's or run's, is computed again. The folder is removed when the dataset is
-complete and its record written.
+The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts, each an item
+of `runs.journal`: the Arrow table of its episodes' rows as the dataset has them, with the records of all its episodes
+in the schema. The unit of a part that is damaged, or another unit's or run's, is computed again. The folder is removed
+when the dataset is complete and its record written.
 """
 
 import contextlib
 import json
 import re
 import shutil
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,16 +20,16 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.episode_block import JUDGED
-from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json
+from vpsci_ros.generate.plan import DatasetPlan
+from vpsci_ros.runs.files import require_empty_folder, write_json
 from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.journal import read_item, stored_work, write_item
 from vpsci_ros.runs.output_folder import FolderLock
 
 FOLDER, RUN, FINISHED = ".generate", "run.json", "generation.json"
 WANTED = "kept_wanted"  # of the identity of a run: kept episodes by scenario
 _RECORDS = b"records"  # key of the schema's metadata
-_CHECKSUM = 4  # bytes at the beginning of a part
 
 
 def write_part(path: Path, records: NDArray[np.void], rows: pa.Table, bound: bytes) -> None:
@@ -44,20 +42,12 @@ def write_part(path: Path, records: NDArray[np.void], rows: pa.Table, bound: byt
     stream = pa.BufferOutputStream()
     with pa.ipc.new_stream(stream, rows.schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
         writer.write_table(rows)
-    data = stream.getvalue()
-    with atomic_write(path) as part, part.open("wb") as file:
-        file.write(zlib.crc32(data, zlib.crc32(bound)).to_bytes(_CHECKSUM, "little"))
-        file.write(data)
+    write_item(path, bound, memoryview(stream.getvalue()))
 
 
 def read_part(path: Path, bound: bytes) -> tuple[NDArray[np.void], pa.Table] | None:
     """Return a unit's records, JUDGED[n], and its stored rows; None if the part is missing, damaged or not `bound`."""
-    try:
-        whole = memoryview(path.read_bytes())
-    except OSError:
-        return None
-    checksum, data = whole[:_CHECKSUM], whole[_CHECKSUM:]
-    if not data or zlib.crc32(data, zlib.crc32(bound)) != int.from_bytes(checksum, "little"):
+    if (data := read_item(path, bound)) is None:
         return None
     rows = pa.ipc.open_stream(data).read_all()
     return np.frombuffer(rows.schema.metadata[_RECORDS], JUDGED), rows
@@ -97,13 +87,13 @@ class Parts:
             self.path(unit).unlink(missing_ok=True)
         return part
 
-    def files(self) -> list[tuple[Path, int, int]]:
-        """Return path, scenario and first number of each finished unit; -1 and -1 for any other file."""
-        paths = sorted(path for path in self.folder.iterdir() if path.name != RUN and not path.name.startswith("."))
-        names = [re.fullmatch(r"(\d+)-(\d{10})\.arrow", path.name) for path in paths]
-        return [
-            (path, *(map(int, name.groups()) if name else (-1, -1))) for path, name in zip(paths, names, strict=True)
-        ]
+    def files(self, plan: DatasetPlan) -> Iterator[tuple[Path, Unit | None]]:
+        """Yield each file among the parts with its unit in a plan; None: it is no part of this run."""
+        for path in sorted(self.folder.iterdir()):
+            if path.name != RUN and not path.name.startswith("."):
+                name = re.fullmatch(r"(\d+)-(\d{10})\.arrow", path.name)
+                scenario = plan.scenarios.get(int(name[1])) if name else None
+                yield path, scenario.unit_from(int(name[2])) if name and scenario else None
 
     def remove(self) -> None:
         """Remove the parts of a complete dataset."""
@@ -123,7 +113,7 @@ def parts_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Parts 
     own = {name: value for name, value in run.items() if name != WANTED}
     extended = False
     if (folder / DESCRIPTION).is_file() and ((folder / FINISHED).is_file() or not (folder / FOLDER).is_dir()):
-        found = _read(folder / DESCRIPTION)
+        found = stored_work(folder / DESCRIPTION)
         extended = _more(found.get(WANTED), run[WANTED])
         require_same(folder, found, own if extended else run, "holds a dataset")
         if not extended:
@@ -137,7 +127,7 @@ def parts_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Parts 
                 require_empty_folder(folder)
             hidden.mkdir()
         if (hidden / RUN).is_file():
-            begun = _read(hidden / RUN)
+            begun = stored_work(hidden / RUN)
             require_same(folder, begun, own, "holds an unfinished run")
             unit = int(begun["unit"])
         write_json(hidden / RUN, {**run, "unit": unit})
@@ -152,9 +142,3 @@ def _more(found: Any, wanted: Mapping[str, int]) -> bool:
         and found != wanted
         and all(found[number] <= wanted[number] for number in wanted)
     )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    found = read_json(path)
-    require_form(found, dict, f"{path}: not what a run writes; generate into another folder")
-    return dict(found)

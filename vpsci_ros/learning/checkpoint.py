@@ -1,7 +1,7 @@
-"""Checkpoints: the state from which a run resumes with the same result, in one safetensors file.
+"""Checkpoints: the state from which a run resumes with the same result, an item of `runs.journal`.
 
-A checkpoint is a tree of dictionaries, lists, tensors, arrays, numbers and text. Arrays become tensors of the file,
-named by their path in the tree; the rest is JSON in the file's metadata. Tuples are read back as lists.
+A checkpoint is a tree of dictionaries, lists, tensors, arrays, numbers and text. Behind the seal its file is in the
+safetensors format: the arrays, named by their path in the tree, and the rest as JSON. Tuples are read back as lists.
 """
 
 import json
@@ -10,39 +10,31 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
+from safetensors.numpy import load, save
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import atomic_write
+from vpsci_ros.runs.journal import read_item, write_item
 
-FORMAT = "vpsci-checkpoint 1"
-_ARRAY, _TENSOR = "__array__", "__tensor__"
+FORMAT = b"vpsci-checkpoint 2"
+_ARRAY, _TENSOR, _TREE = "__array__", "__tensor__", "__tree__"
 
 
 def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
     """Write the state `tree` as a checkpoint; the earlier checkpoint stays until the new one is complete."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    skeleton = _flatten(tree, "", arrays)
-    with atomic_write(path) as temporary:
-        # save_file would write another file beside it first, which stays where the process is killed
-        temporary.write_bytes(save(arrays, {"format": FORMAT, "tree": json.dumps(skeleton)}))
+    arrays[_TREE] = np.frombuffer(json.dumps(_flatten(tree, "", arrays)).encode(), np.uint8)
+    write_item(Path(path), FORMAT, save(arrays))
 
 
 def load_checkpoint(path: str | Path) -> dict[str, Any]:
     """Return the tree of a checkpoint file.
 
-    :raises InvalidInput: a file that cannot be read, or not a checkpoint of this format.
+    :raises InvalidInput: a file that is damaged or cannot be read, or not a checkpoint of this format.
     """
-    try:
-        with safe_open(str(path), framework="np") as file:
-            metadata = file.metadata() or {}
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError) as error:
-        raise InvalidInput(f"{path}: cannot read as a checkpoint: {error}; delete it to start again") from error
-    if metadata.get("format") != FORMAT or "tree" not in metadata:
-        raise InvalidInput(f"{path}: expected {FORMAT!r}, got {metadata.get('format')!r}; delete it to start again")
-    tree: dict[str, Any] = _unflatten(json.loads(metadata["tree"]), arrays)
+    if (data := read_item(Path(path), FORMAT)) is None:
+        raise InvalidInput(f"{path}: damaged, or no checkpoint of this version; delete it to start again")
+    arrays = load(bytes(data))
+    tree: dict[str, Any] = _unflatten(json.loads(arrays.pop(_TREE).tobytes()), arrays)
     return tree
 
 

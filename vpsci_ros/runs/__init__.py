@@ -5,6 +5,7 @@ In reading order:
 * `run_config`: configuration of a run: the sections of a parameter file, and the parameters that several nodes share
 * `run_folder`: the folder of a run: its parameters and the record of inputs and outputs
 * `record`: the record `run.json` of a run: how it ended, its inputs, outputs, results and software
+* `journal`: a journal of resumable work: which of its items are done, torn, or of other work
 * `identity`: the check that a folder holds the same run, for every command that resumes a run
 * `output_folder`: output folders: locked by one process while it writes them, and marked where a command failed
 * `files`: atomic file writes, empty output folders, and the hash of a file

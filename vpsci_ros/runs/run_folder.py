@@ -14,9 +14,10 @@ from typing import Any
 from vpsci_ros.documents import dump_yaml, parse_yaml, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
-from vpsci_ros.runs.files import FAILURE, changed_files, require_empty_folder, sha256, write_text
+from vpsci_ros.runs.files import FAILURE, require_empty_folder, sha256, write_text
 from vpsci_ros.runs.identity import require_same
-from vpsci_ros.runs.record import RUN_RECORD, read_record, write_record
+from vpsci_ros.runs.journal import finished, hashes
+from vpsci_ros.runs.record import RUN_RECORD, write_record
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.stop_request import uninterrupted
 
@@ -41,8 +42,6 @@ class RunFolder:
         self._folder = folder
         self._begun = time.monotonic()
         self._facts = facts or {}
-        self.results: dict[str, Any] = {}
-        """What the run came to, or had come to where it is done; JSON values that go into the record."""
         parameters = folder / PARAMETERS
         text = dump_yaml(as_ros_parameters(sections.values))
         resumable = any(folder.glob(f"*{_GOES_ON}"))
@@ -53,8 +52,11 @@ class RunFolder:
             require_empty_folder(folder)
         self.inputs = {str(path): sha256(path) for path in inputs}
         """SHA-256 of the files that the run reads, by path."""
-        self.done = self._finished()
+        record = finished(folder / RUN_RECORD, {"error": "", "inputs_sha256": self.inputs})
+        self.done = record is not None
         """Whether the folder holds this run, finished, from the same inputs, with all that it left."""
+        self.results: dict[str, Any] = record.get("results", {}) if record else {}
+        """What the run came to, or had come to where it is done; JSON values that go into the record."""
         write_text(parameters, text)
 
     def __enter__(self) -> "RunFolder":
@@ -68,27 +70,9 @@ class RunFolder:
                 error="" if kind is None else str(error) or "stopped on request",
                 results=self.results,
                 inputs=self.inputs,
-                outputs={str(path.relative_to(self._folder)): sha256(path) for path in sorted(self._outputs())},
+                outputs=hashes(self._folder, RUN_RECORD, FAILURE, _GOES_ON, ".part"),
                 facts=self._facts,
             )
-
-    def _finished(self) -> bool:
-        record = read_record(self._folder / RUN_RECORD)
-        if record is None or record["error"] or record["inputs_sha256"] != self.inputs:
-            return False
-        if changed_files(self._folder, record.get("outputs_sha256", {})):
-            return False
-        self.results = record["results"]
-        return True
-
-    def _outputs(self) -> Iterable[Path]:
-        for path in self._folder.rglob("*"):
-            if (
-                path.is_file()
-                and path.name not in (RUN_RECORD, FAILURE)
-                and not path.name.endswith((_GOES_ON, ".part"))
-            ):
-                yield path
 
 
 def _values(path: Path) -> dict[str, dict[str, Any]]:
