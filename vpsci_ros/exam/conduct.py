@@ -17,15 +17,13 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vpsci_ros.documents import read_json, require_form
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam, HeadStarts, identity_of
 from vpsci_ros.exam.exam_config import EXTERNAL, title_of
 from vpsci_ros.exam.in_graph import domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
 from vpsci_ros.exam.travel import arrived, files_to_take
-from vpsci_ros.runs.files import changed_files, sha256, write_json
+from vpsci_ros.runs.journal import finished, write_item_record
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RUN_RECORD, read_record
 from vpsci_ros.runs.workers import HERE, Place, Site, Work, Workers, computed
@@ -178,16 +176,14 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, di
     log = folder / "logs" / f"ads_{label_of(name, exam.part)}.log"
     drive = run_in_process if exam.in_process else run_in_graph
     drive(exam, name, run, log, quiet=quiet)
-    files = {path.relative_to(run).as_posix(): sha256(path) for path in sorted(run.rglob("*")) if path.is_file()}
-    write_json(run / RESULT, {**run_identity(exam, name, digest), "files": files})
+    write_item_record(run / RESULT, run_identity(exam, name, digest))
 
 
 def run_identity(exam: Exam, name: str, digest: str = "") -> dict[str, Any]:
     """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
-    own: dict[str, Any] = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
-    if exam.head_starts:
-        own["head_starts"] = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes]
-    return {**own, "exam_sha256": digest or exam_digest(exam)}
+    starts = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes] if exam.head_starts else None
+    own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
+    return {**own, "head_starts": starts, "exam_sha256": digest or exam_digest(exam)}
 
 
 def exam_digest(exam: Exam) -> str:
@@ -216,16 +212,6 @@ def is_done(exam: Exam, folder: Path, name: str) -> bool:
     """Return whether `folder` has the exam's finished run with the pedestrian `name`, its files unchanged."""
     run = run_folder(folder, name, exam.part)
     record = read_record(run / RUN_RECORD)
-    if record is None or record["error"] or not (run / RESULT).is_file():
+    if record is None or record["error"]:
         return False
-    try:
-        found = read_json(run / RESULT)
-        require_form(found, {"files": {"*": str}}, str(run / RESULT))
-    except InvalidInput as error:
-        print(f"note: {error}; it is driven again", file=sys.stderr)
-        return False
-    changed = changed_files(run, found.pop("files"))
-    if changed or found != run_identity(exam, name):
-        why = f"{', '.join(changed)} changed since it was written" if changed else "the result of another run"
-        print(f"note: {run}: {why}; it is driven again", file=sys.stderr)
-    return not changed and found == run_identity(exam, name)
+    return finished(run / RESULT, run_identity(exam, name), "it is driven again") is not None

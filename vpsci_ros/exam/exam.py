@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.data.episode import ALONE, Key
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.class_process import files_of_class
 from vpsci_ros.exam.driver_class import Driver
@@ -26,8 +25,8 @@ from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import near_misses_path, weights_path
-from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
-from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.journal import claim
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.runs.run_config import PatienceConfig, RunConfig, Sections
 from vpsci_ros.runs.workers import HERE, Site
@@ -252,11 +251,4 @@ def take_folder(folder: Path, identity: dict[str, Any], name: str = EXAM) -> Non
     :param name: of the file that says what it is.
     :raises InvalidInput: it holds something else.
     """
-    path = folder / name
-    if not path.is_file():
-        require_empty_folder(folder)
-        write_json(path, identity)
-        return
-    stored = read_json(path)
-    require_form(stored, dict, f"{path}: not what an exam writes; choose another output folder")
-    require_same(folder, stored, identity, "holds an exam")
+    claim(folder / name, identity, "holds an exam")
