@@ -9,7 +9,7 @@ import importlib.util
 import os
 import re
 
-_REMEDIES = {
+REMEDIES = {
     errno.ENOSPC: "free some space and try again",
     errno.EDQUOT: "free some space and try again",
     errno.EFBIG: "allow larger files (ulimit -f) and try again",
@@ -95,17 +95,17 @@ def in_words(error: BaseException) -> str:
     if isinstance(error, ModuleNotFoundError):
         return not_installed((error.name or "").partition(".")[0])
     if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error)):
-        return f"not enough memory; {_REMEDIES[errno.ENOMEM]}"
+        return f"not enough memory; {REMEDIES[errno.ENOMEM]}"
     no_thread = isinstance(error, RuntimeError) and str(error) == "can't start new thread"
     if no_thread or (not isinstance(error, OSError) and os.strerror(errno.EAGAIN) in str(error)):  # the second: Arrow
-        return f"no further thread; {_REMEDIES[errno.EAGAIN]}"
+        return f"no further thread; {REMEDIES[errno.EAGAIN]}"
     wrapped = _WRAPPED.search(str(error))
     number = error.errno if isinstance(error, OSError) and error.errno else int(wrapped[1]) if wrapped else 0
-    if not isinstance(error, OSError) and number not in _REMEDIES:
+    if not isinstance(error, OSError) and number not in REMEDIES:
         return ""
     name = getattr(error, "filename", None)
     what = os.strerror(number) if number else str(error)
-    return "; ".join(part for part in (f"{name}: {what}" if name else what, _REMEDIES.get(number, "")) if part)
+    return "; ".join(part for part in (f"{name}: {what}" if name else what, REMEDIES.get(number, "")) if part)
 
 
 def is_shortage(error: BaseException | None) -> bool:
@@ -113,5 +113,5 @@ def is_shortage(error: BaseException | None) -> bool:
 
     A file that could not be read for that reason is refused though nothing is wrong with it.
     """
-    remedies = tuple(_REMEDIES[number] for number in (errno.ENOMEM, errno.EMFILE, errno.EAGAIN))
+    remedies = tuple(REMEDIES[number] for number in (errno.ENOMEM, errno.EMFILE, errno.EAGAIN))
     return error is not None and (in_words(error).endswith(remedies) or is_shortage(error.__cause__))

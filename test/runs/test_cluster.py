@@ -3,10 +3,12 @@
 Jobs of these tests are functions of this file, which travels by value: it is installed nowhere.
 """
 
+import asyncio
 import contextlib
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -14,7 +16,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -22,6 +26,7 @@ from dask_cluster import LocalCluster, local_cluster, until
 
 pytest.importorskip("distributed")
 import cloudpickle
+from distributed import Client, KilledWorker
 
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.runs import cluster
@@ -36,7 +41,8 @@ UNITS = 12
 def squares(signs: Path, seconds: float, place: Place) -> Callable[[int], int]:
     """A job whose units sleep, write a file and return the square of their number.
 
-    A file `signs`/KIND-NUMBER has the unit kill its process or the Dask worker.
+    A file `signs`/KIND-NUMBER has the unit kill its process or the Dask worker; one named "waits" has all units wait
+    until it is gone, and one named "large" has them write a file of 1 MB.
     """
 
     def do(unit: int) -> int:
@@ -45,7 +51,11 @@ def squares(signs: Path, seconds: float, place: Place) -> Callable[[int], int]:
             if (signs / f"{kind}-{unit}").exists():
                 os.kill(process, signal.SIGKILL)
                 time.sleep(60.0)
+        while (signs / "waits").exists():
+            time.sleep(0.05)
         time.sleep(seconds)
+        if (signs / "large").exists():
+            (place.folder / "large").write_bytes(bytes(1_000_000))
         (place.folder / "sub").mkdir(exist_ok=True)
         (place.folder / "sub" / f"{unit}.txt").write_text(f"{unit * unit}")
         return unit * unit
@@ -79,6 +89,10 @@ def written(signs: Path) -> dict[int, int]:
     return {int(path.stem): int(path.read_text()) for path in (signs.parent / "out" / "sub").iterdir()}
 
 
+def other_client(cluster: LocalCluster) -> Client:
+    return Client(scheduler_file=str(cluster.file), set_as_default=False)
+
+
 def stepped(workers: Any, size: int) -> None:
     """Let the workers go on until so many are there."""
     until(lambda: workers._step() or workers.size == size)
@@ -98,108 +112,220 @@ workers = test_cluster.started(cluster, Path({str(signs)!r}), {seconds}{options}
 
 
 @pytest.mark.parametrize("address", ["nothere.json", "tcp://10.0.0.1"])
-def test_what_is_neither_a_file_nor_an_address_with_a_port_is_refused_in_words(tmp_path: Path, address: str) -> None:
+def test_what_is_neither_a_file_nor_an_address_with_a_port_is_refused_in_words(address: str) -> None:
     with pytest.raises(InvalidInput, match=f"--cluster {address}: no such scheduler file, and no address with a port"):
-        DaskCluster(address).start(Work(partial(squares, tmp_path, 0.0), tmp_path))
+        DaskCluster(address)
+
+
+@pytest.mark.parametrize("answers", ["nobody", "a silent server", "an HTTP server", "a worker"])
+def test_an_address_where_something_else_than_a_scheduler_answers_is_refused_in_words(
+    answers: str, tmp_path: Path
+) -> None:
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        if answers == "nobody":
+            server.close()
+        elif answers == "an HTTP server":
+            http = stack.enter_context(ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler))
+            threading.Thread(target=http.serve_forever, daemon=True).start()
+            stack.callback(http.shutdown)
+            address = f"tcp://127.0.0.1:{http.server_port}"
+        elif answers == "a worker":
+            cluster = stack.enter_context(local_cluster(tmp_path / "cluster", 1))
+            client = stack.enter_context(other_client(cluster))
+            client.wait_for_workers(1)
+            (address,) = client.nthreads()
+        with pytest.raises(VpsciError, match=f"--cluster {address}: no scheduler answers .found .*; start one by"):
+            DaskCluster(address)
+
+
+class FakeLoop:
+    """A loop of asyncio in a thread."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._loop.run_forever, daemon=True).start()
+
+    def add_callback(self, call: Callable[..., Any], *arguments: Any) -> None:
+        async def run() -> None:
+            if asyncio.iscoroutine(result := call(*arguments)):
+                await result
+
+        asyncio.run_coroutine_threadsafe(run(), self._loop)
 
 
 class FakeFuture:
-    """A unit at a worker; what is called when it is done, is called at once if its worker answers."""
+    """A task that has ended."""
 
-    def __init__(self, answer: Any) -> None:
-        self._answer = answer
+    def __init__(self, key: str, answer: Any) -> None:
+        self.key, self._answer = key, answer
 
     def add_done_callback(self, done: Callable[[Any], None]) -> None:
-        if self._answer is not None:
-            threading.Thread(target=done, args=(self,), daemon=True).start()
+        done(self)
 
-    def result(self) -> Any:
+    def __await__(self) -> Iterator[Any]:
+        yield from asyncio.sleep(0).__await__()
+        if isinstance(self._answer, Exception):
+            raise self._answer
         return self._answer
 
-    def cancel(self) -> None:
-        self._answer = None
-
-    release = cancel
+    def release(self) -> None:
+        pass
 
 
 class FakeClient:
-    """A client of four workers: one that gets unit 5 dies, with all answers that it has not given yet.
+    """A client of one worker: units 4 and 5 are given up at first, as unit 5 kills workers, and unit 5 again.
 
-    :ivar sent: worker -> the units that it has got.
+    :ivar sent: each unit with the number of units that were on the cluster when it came.
     """
 
     status = "running"
 
     def __init__(self) -> None:
-        self.sent: dict[str, list[int]] = {f"worker-{number}": [] for number in range(4)}
+        self.loop, self.scheduler = FakeLoop(), SimpleNamespace(ncores=lambda: {"tcp://10.0.0.1:1": 1})
+        self.sent: list[tuple[int, int]] = []
+        self.workers: Any = None
 
-    def nthreads(self) -> dict[str, int]:
-        return {name: 1 for name, units in self.sent.items() if 5 not in units}
+    def sync(self, call: Callable[[], Any], **_: Any) -> Any:
+        return call()
 
-    def submit(self, function: Callable[..., Any], _: str, data: bytes, *, workers: list[str], **__: Any) -> FakeFuture:
+    def submit(self, function: Callable[..., Any], _: str, data: bytes, *__: Any, key: str, **___: Any) -> FakeFuture:
         if function is not compute:
-            return FakeFuture((workers[0], workers[0], 1, ""))
+            return FakeFuture(key, ("host", 2, ""))
         unit = pickle.loads(data)
-        self.sent[workers[0]].append(unit)
-        first_of_two = unit == 4 and len(self.sent[workers[0]]) == 1 and not any(5 in got for got in self.sent.values())
-        answer = pickle.dumps((unit, []))
-        return FakeFuture(None if unit == 5 or first_of_two else answer)
-
-    def cancel(self, futures: list[FakeFuture]) -> None:
-        del futures
-
-    def run(self, *_: Any, **__: Any) -> None:
-        return None
+        again = unit in [sent for sent, _ in self.sent]
+        self.sent.append((unit, len(self.workers._running)))
+        killed = KilledWorker(key, SimpleNamespace(address="tcp://10.0.0.1:1"), 3)
+        return FakeFuture(key, killed if unit == 5 or (unit == 4 and not again) else pickle.dumps((unit, [])))
 
     def close(self, _: float) -> None:
         self.status = "closed"
 
 
-def test_a_unit_whose_answer_was_lost_with_its_worker_is_not_blamed_for_what_the_next_unit_did(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Unit 4 was done, and unit 5 kills the worker: both had it. Each is done again alone, and only 5 kills again."""
-    monkeypatch.setattr(cluster, "PATIENCE", 30.0)
+def test_a_unit_that_dask_gives_up_is_blamed_only_for_what_dies_while_it_is_alone(tmp_path: Path) -> None:
     client = FakeClient()
-    client.sent = {"worker-0": []}
-    workers: ClusterWorkers[int, int] = ClusterWorkers(client, "", b"", tmp_path, False, Counter())  # type: ignore[arg-type]
-    workers.submit(4)
-    workers.submit(5)
-    assert client.sent == {"worker-0": [4, 5]}
-    client.sent |= {f"worker-{number}": [] for number in (1, 2, 3)}
-    waiting = iter(range(6, 9))
-    with pytest.raises(VpsciError, match=r"^5 killed 3 workers") as error:
-        while True:
-            workers.collect()
-            if (unit := next(waiting, None)) is not None:
-                workers.submit(unit)
-    assert "4 killed" not in str(error.value)
-    assert sum(5 in units for units in client.sent.values()) == 3
-    assert sum(4 in units for units in client.sent.values()) == 2
+    client.workers = workers = ClusterWorkers(client, "", b"", tmp_path, False, Counter())  # type: ignore[arg-type]
+    waiting, done = iter(range(8)), []
+    with pytest.raises(VpsciError, match=r"^5 killed 4 workers, the last time tcp://10.0.0.1:1 "):
+        for unit, _ in computed(workers, lambda: next(waiting, None)):
+            done.append(unit)
+    assert sorted(done) == [0, 1, 2, 3, 4, 6, 7]
+    assert [number for unit, number in client.sent if unit in (4, 5)][2:] == [0, 0]
+    assert [unit for unit, _ in client.sent][-2:] == [4, 5]
     workers.close()
 
 
-def test_results_and_files_come_back_and_nothing_is_left_there(two: LocalCluster, signs: Path) -> None:
-    workers = started(two, signs)
-    assert all_of(workers) == {n: n * n for n in range(UNITS)} == written(signs)
-    workers.close()
-    until(lambda: not two.children())
-
-
-@pytest.mark.parametrize("kind", ["kills_process", "kills_worker"])
-def test_a_unit_that_kills_three_workers_is_named_and_the_rest_finishes(
-    kind: str, two: LocalCluster, signs: Path, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("kind", "deaths"), [("kills_process", 3), ("kills_worker", 4)])
+def test_a_unit_that_kills_workers_is_named_and_the_rest_finishes(
+    kind: str, deaths: int, signs: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A unit that kills Dask's workers does so twice beside others, and twice alone."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "1")
     (signs / f"{kind}-5").touch()
-    for _ in range(2 if kind == "kills_worker" else 0):
-        two.add_worker()
-    workers = started(two, signs)
-    with pytest.raises(VpsciError, match=r"^5 killed 3 workers, the last time .* the rest is finished"):
-        all_of(workers)
-    workers.close()
-    assert 3 <= len(list(signs.glob("begun-5-*"))) <= 4  # one death may be counted for a unit just finished
+    with local_cluster(signs.parent / "cluster", 5 if kind == "kills_worker" else 2) as cluster:
+        workers = started(cluster, signs)
+        with pytest.raises(VpsciError, match=r"^5 killed \d workers, the last time .* the rest is finished"):
+            all_of(workers)
+        workers.close()
+    assert len(list(signs.glob("begun-5-*"))) == deaths
     assert written(signs) == {n: n * n for n in range(UNITS) if n != 5}
-    assert "given up: 5 killed 3 workers" in capfd.readouterr().err
+    assert "given up: 5 killed" in capfd.readouterr().err
+
+
+def test_a_unit_whose_only_worker_died_is_done_by_the_next_worker(tmp_path: Path, signs: Path) -> None:
+    (signs / "waits").touch()
+    with local_cluster(tmp_path / "cluster", 1) as cluster:
+        workers = started(cluster, signs)
+        workers.submit(3)
+        until(lambda: list(signs.glob("begun-*")))
+        cluster.kill(0)
+        until(lambda: workers._step() or not workers.spare)
+        (signs / "waits").unlink()
+        cluster.add_worker()
+        until(lambda: workers._step() or workers.spare)
+        assert workers.collect() == [(3, 9)]
+        workers.close()
+
+
+def test_workers_that_retire_one_after_another_while_they_compute_a_unit_are_no_deaths(
+    signs: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (signs / "waits").touch()
+    with local_cluster(signs.parent / "cluster", 4) as cluster:
+        workers = started(cluster, signs)
+        stepped(workers, 4)
+        workers.submit(3)
+        with other_client(cluster) as client:
+            for retired in range(3):
+                until(lambda begun=retired: len(list(signs.glob("begun-*"))) > begun and workers._step() == [])
+                client.retire_workers([name for name, keys in client.processing().items() if keys])
+        (signs / "waits").unlink()
+        assert workers.collect() == [(3, 9)]
+        workers.close()
+    assert capfd.readouterr().err == ""
+
+
+def test_a_worker_whose_disk_is_full_is_left_out_and_named_and_its_units_go_elsewhere(
+    tmp_path: Path, signs: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (signs / "large").touch()
+    limited = ["bash", "-c", 'ulimit -f 500; exec "$@"', "limited"]
+    with local_cluster(tmp_path / "cluster", 1) as cluster:
+        cluster.add_worker(within=limited)
+        workers = started(cluster, signs)
+        stepped(workers, 2)
+        assert all_of(workers) == {n: n * n for n in range(UNITS)} == written(signs)
+        assert workers.size == 1
+        workers.close()
+    said = capfd.readouterr().err
+    assert "is left out: " in said
+    assert "File too large; allow larger files (ulimit -f)" in said
+    with local_cluster(tmp_path / "all", 0) as cluster:
+        cluster.add_worker(within=limited)
+        with pytest.raises(VpsciError, match=r"every worker is left out: worker tcp://.*File too large"):
+            all_of(started(cluster, signs))
+
+
+def test_a_busy_worker_is_waited_for_and_said(
+    tmp_path: Path, signs: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "_ANSWERS", 1.0)
+    busy, said = signs / "busy", ""
+    busy.touch()
+
+    def wait() -> None:
+        while busy.exists():
+            time.sleep(0.05)
+
+    with (
+        local_cluster(tmp_path / "cluster", 1) as local,
+        other_client(local) as other,
+    ):
+        task = other.submit(wait)
+        until(lambda: any(other.processing().values()))
+        found: list[dict[int, int]] = []
+        thread = threading.Thread(target=lambda: found.append(all_of(started(local, signs))))
+        thread.start()
+        while "has not begun yet: it starts, is busy with other work" not in said:
+            said += capfd.readouterr().err
+            assert thread.is_alive()
+        busy.unlink()
+        task.result()
+        thread.join()
+    assert found == [{n: n * n for n in range(UNITS)}]
+
+
+def test_two_commands_at_once_share_the_workers(two: LocalCluster, signs: Path) -> None:
+    first, second = started(two, signs, 0.1), started(two, signs, 0.1)
+    found: list[dict[int, int]] = []
+    thread = threading.Thread(target=lambda: found.append(all_of(first)))
+    thread.start()
+    found.append(all_of(second))
+    thread.join()
+    assert found == [{n: n * n for n in range(UNITS)}] * 2
+    first.close()
+    second.close()
 
 
 def test_a_lost_scheduler_is_said_and_nothing_goes_on_running(two: LocalCluster, signs: Path) -> None:
@@ -209,6 +335,27 @@ def test_a_lost_scheduler_is_said_and_nothing_goes_on_running(two: LocalCluster,
         all_of(workers, 100)
     workers.close()
     until(lambda: not two.children())
+    two.scheduler.wait(60.0)
+    two.start_scheduler()
+    two.add_worker()
+    again = started(two, signs)
+    assert all_of(again) == {n: n * n for n in range(UNITS)}, "the scheduler is back"
+    again.close()
+
+
+def test_one_signal_ends_a_command_whose_scheduler_or_worker_hangs(two: LocalCluster, signs: Path) -> None:
+    """Each unit would take an hour."""
+    code = client(two, signs, 3600.0) + "try:\n    test_cluster.all_of(workers)\nfinally:\n    workers.close()\n"
+    for hanging in (two.scheduler, two.workers[0]):
+        for sign in signs.iterdir():
+            sign.unlink()
+        process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+        until(lambda: len(list(signs.glob("begun-*"))) >= 2)
+        hanging.signal(signal.SIGSTOP)
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=120)[1]
+        hanging.signal(signal.SIGCONT)
+        until(lambda: not two.children())
 
 
 def test_a_worker_that_joins_late_gets_work(tmp_path: Path, signs: Path) -> None:
@@ -236,6 +383,7 @@ def test_nothing_goes_on_running_after_ctrl_c_or_a_kill(two: LocalCluster, signs
         assert least or "KeyboardInterrupt" in said
         running = {path.name.rpartition("-")[2] for path in signs.glob("begun-*")}
         until(lambda pids=running: not pids & set(two.children()))
+        until(lambda: not list(two.file.parent.rglob("vpsci-*")))
 
 
 def test_a_worker_that_differs_is_left_out_and_named(

@@ -1,14 +1,15 @@
 """Work on a Dask cluster: units go to the cluster's workers, and their results and files come back to this process.
 
 Each worker is first asked for what results depend on (`cluster_worker.facts`) and makes the job; one that differs or
-refuses is left out and named. This process alone writes: at most two results and the units in flight are in its memory.
-A unit whose worker dies is done again elsewhere, up to `MOST_DEATHS` times; then it is named, and the rest goes on.
-Nobody knows which of its units a worker was computing as it died, for the last answers may be lost with it. So each of
-them is done again on a worker that has nothing else to do: only the unit that kills is there when that one dies, too.
+refuses is left out and named. A worker that takes part offers Dask a resource of this command's name. Dask's scheduler
+gives units to workers that offer it, and gives a unit to another worker when its worker retires or dies. This process
+alone writes: at most two results and the units in flight are in its memory.
 """
 
+import asyncio
 import contextlib
 import itertools
+import json
 import logging
 import pickle
 import queue
@@ -18,25 +19,26 @@ import time
 import uuid
 import warnings
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic
 
 from vpsci_ros.errors import InvalidInput, VpsciError, require
-from vpsci_ros.runs.cluster_worker import Order, compute, dismiss, enlist, facts
+from vpsci_ros.runs.cluster_worker import Order, UnitDied, compute, enlist, facts
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.workers import Result, Unit, Work, Workers
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-MOST_DEATHS = 3  # of workers at one unit, which is given up if that is more than half of all deaths
-PATIENCE = 300.0  # [s] without any worker
-_ANSWERS = 10.0  # [s] that a scheduler has to answer
+MOST_DEATHS = 3  # of processes at one unit, which is given up then
+PATIENCE = 300.0  # [s] without any worker, or without an answer of the scheduler
+_ANSWERS = 10.0  # [s] that a scheduler or a worker has to answer before something is said
+_CONNECTS = 5.0  # [s] that a scheduler has to answer at first
 _LOOK = 1.0  # [s] between looks for workers that came or went
 _SHOWN = 4  # hosts in the progress
-_HOST_TAKEN = "another worker has this host"
 
 
 @dataclass
@@ -45,6 +47,8 @@ class DaskCluster:
 
     :ivar address: of its scheduler, or a scheduler file.
     :ivar mixed_cpus: workers may have other CPUs than this machine.
+    :raises NotInstalled: Dask is not installed.
+    :raises VpsciError: no scheduler answers.
     """
 
     address: str
@@ -52,18 +56,24 @@ class DaskCluster:
     alone = False
     _hosts: Counter[str] = field(default_factory=Counter)  # units at a time, by name
 
+    def __post_init__(self) -> None:
+        require("distributed")
+        _scheduler_at(self.address)  # said now, not after what a command prepares
+
     def start(self, work: Work[Unit, Result]) -> Workers[Unit, Result]:
         """Return workers that do this work, see `Site`.
 
-        :raises NotInstalled: Dask is not installed.
         :raises VpsciError: no scheduler answers, or every worker refuses the job.
         """
-        require("distributed")
         import cloudpickle
+        from distributed import Client
 
         files = {str(path.absolute()): (path.stat().st_mode & 0o777, path.read_bytes()) for path in work.reads()}
         order = Order(facts(mixed_cpus=self.mixed_cpus), cloudpickle.dumps(work.job), files, str(Path.cwd()))
-        client = _connected(self.address)
+        where = _scheduler_at(self.address)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Mismatched versions")  # asked for by name
+            client = Client(**where, timeout=_ANSWERS, set_as_default=False, name="vpsci", direct_to_workers=True)
         return ClusterWorkers(client, self.address, pickle.dumps(order), work.folder, work.whole_host, self._hosts)
 
     def hosts(self) -> str:
@@ -73,47 +83,53 @@ class DaskCluster:
         return f"on {', '.join(names[:_SHOWN])}{more}" if names else ""
 
 
-def _connected(address: str) -> "Client":
-    from distributed import Client
+def _scheduler_at(address: str) -> dict[str, Any]:
+    """Return how Dask names the scheduler at an address, given as such or by a scheduler file.
+
+    :raises InvalidInput: it is neither.
+    :raises VpsciError: no scheduler answers, whatever else does.
+    """
+    from distributed import Security, rpc
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it reports is said here, in words
-    given = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
-    if "address" in given and not re.search(r":\d+/?$", address):
+    if not (is_file := Path(address).is_file()) and not re.search(r":\d+/?$", address):
         raise InvalidInput(
             f"--cluster {address}: no such scheduler file, and no address with a port; expected tcp://host:8786"
         )
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Mismatched versions")  # asked for by name
-            return Client(**given, timeout=_ANSWERS, set_as_default=False, name="vpsci", direct_to_workers=True)
-    except (OSError, TimeoutError, ValueError) as error:
+
+    async def kind() -> str:
+        where = json.loads(Path(address).read_text(encoding="utf-8"))["address"] if is_file else address
+        async with rpc(where, connection_args=Security().get_connection_args("client")) as there:
+            return str((await there.identity())["type"])
+
+    try:  # by a deadline of ours: a client of Dask waits for ever for a server that does not speak
+        found = asyncio.run(asyncio.wait_for(kind(), _CONNECTS))
+    except Exception as error:  # noqa: BLE001 - what is no scheduler may answer anything
+        found = f"{type(error).__name__}: {error}" if str(error) else f"nothing within {_CONNECTS:g} s"
+    if found != "Scheduler":
         raise VpsciError(
-            f"--cluster {address}: no scheduler answers ({str(error) or type(error).__name__}); start one by `dask "
-            "scheduler`, and give its address, such as tcp://host:8786, or its scheduler file"
-        ) from None
-
-
-@dataclass(eq=False)
-class _Task(Generic[Unit]):
-    """A submitted unit: its worker and future, once it has them, and how many workers died that had it."""
-
-    unit: Unit
-    worker: str = ""
-    future: "Future | None" = None
-    deaths: int = 0
+            f"--cluster {address}: no scheduler answers (found {found}); start one by `dask scheduler`, and give its "
+            "address, such as tcp://host:8786, or its scheduler file"
+        )
+    return {"scheduler_file": address} if is_file else {"address": address}
 
 
 @dataclass
 class _Member:
-    """A worker at work: name and address of its host, and how many units it computes at a time."""
+    """A worker: its processes, while Dask keeps this future; since when; its host, and units at a time: 0 at first."""
 
-    host: str
-    ip: str
-    slots: int
+    processes: "Future"
+    since: float
+    host: str = ""
+    slots: int = 0
 
 
 class ClusterWorkers(Generic[Unit, Result]):
     """Computes units on the workers of a cluster; one that joins later gets units, too.
+
+    Dask gives a unit up (`KilledWorker`) after the deaths of more workers than its `allowed-failures`; it counts them
+    for all units that a worker has, and cannot say which one killed. So that no innocent unit is blamed, such a unit
+    waits until nothing else is done, and is done once more, alone.
 
     :param order: pickled `Order`.
     :param folder: into which the files of the units go.
@@ -128,17 +144,18 @@ class ClusterWorkers(Generic[Unit, Result]):
         self._client, self._address, self._order, self._folder = client, address, order, folder
         self._whole_host, self._hosts = whole_host, hosts
         self._name, self._numbers = f"vpsci-{uuid.uuid4().hex[:12]}", itertools.count()
-        self._asked: dict[str, Future] = {}  # address -> what it answers
-        self._members: dict[str, _Member] = {}
+        self._members: dict[str, _Member] = {}  # by address
         self._left_out: dict[str, str] = {}
-        self._queue: deque[_Task[Unit]] = deque()
-        self._running: list[_Task[Unit]] = []  # in the order in which they were sent
+        self._running: dict[str, tuple[Future, Unit]] = {}
+        self._queue, self._suspects, self._trial = deque[Unit](), deque[Unit](), ""  # the key of a unit that is alone
         self._lost: list[str] = []
-        self._deaths = 0
-        self._finished: queue.Queue[tuple[_Task[Unit] | str, Any]] = queue.Queue(1)
-        self._closed, self._looked, self._manned = False, 0.0, time.monotonic()
+        self._answers: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        self._room = asyncio.Semaphore(2)  # of results that have come and are not taken
+        self._said: set[str] = set()
+        self._looked, self._manned = 0.0, time.monotonic()
+        self._answered = self._manned
         try:
-            while not self._members:
+            while not self.spare:
                 self._step()
         except BaseException:
             self.close()
@@ -146,8 +163,8 @@ class ClusterWorkers(Generic[Unit, Result]):
 
     @property
     def size(self) -> int:
-        """Units that the workers compute at a time; units that are given up count, for nothing comes of them."""
-        return sum(member.slots for member in self._members.values()) + len(self._lost)
+        """Units that the workers compute at a time; units that wait for a trial or are given up count, too."""
+        return max(1, self.spare) + len(self._suspects) + len(self._lost)
 
     @property
     def spare(self) -> int:
@@ -156,18 +173,18 @@ class ClusterWorkers(Generic[Unit, Result]):
 
     def submit(self, unit: Unit) -> None:
         """Queue a unit for the cluster."""
-        self._queue.append(_Task(unit))
+        self._queue.append(unit)
         self._hand_out()
 
     def collect(self) -> list[tuple[Unit, Result]]:
         """Wait for a finished unit, write its files, and return it with its result; none where a worker has joined.
 
-        :raises VpsciError: the scheduler or all workers are lost, or what remains killed `MOST_DEATHS` workers each.
+        :raises VpsciError: the scheduler or all workers are lost, or only units remain that kill workers.
         :raises Exception: what a unit raised.
         """
         size = self.size
         while self.size <= size:
-            if not self._running and not self._queue and self._lost:
+            if not self._running and not self._queue and not self._suspects and self._lost:
                 raise VpsciError(
                     f"{'; '.join(self._lost)} (out of memory, a crash?); the rest is finished and kept: run the same "
                     "command again, perhaps on workers with more memory"
@@ -183,27 +200,42 @@ class ClusterWorkers(Generic[Unit, Result]):
             self._looked = time.monotonic()
         self._hand_out()
         try:
-            task, answer = self._finished.get(timeout=_LOOK)
+            key, answer = self._answers.get(timeout=_LOOK)
         except queue.Empty:
             return []
-        if isinstance(task, str):
-            self._admit(task, answer)
-            return []
-        if task not in self._running:  # its worker has gone since
-            return []
-        self._running.remove(task)
-        if isinstance(answer, Exception):
-            raise answer
+        self._client.loop.add_callback(self._room.release)
+        if key in self._running:
+            return self._take(key, answer)
+        for worker in [name for name, member in self._members.items() if member.processes.key == key]:
+            self._admit(worker, answer)
+        return []
+
+    def _take(self, key: str, answer: Any) -> list[tuple[Unit, Result]]:
+        """Take what came of a unit."""
+        from distributed import KilledWorker
+
+        (_, unit), on_trial = self._running.pop(key), key == self._trial
+        self._trial = "" if on_trial else self._trial
         if isinstance(answer, bytes):
             result, files = pickle.loads(answer)
             if isinstance(result, Exception):
                 raise result
             self._write(files)
-            return [(task.unit, result)]
-        if not answer:
-            self._leave(task.worker)  # and ask it again
-        self._deaths += bool(answer)
-        self._again(task, f"its process {answer}" if answer else "")
+            return [(unit, result)]
+        if isinstance(answer, tuple):  # its worker cannot go on
+            self._queue.appendleft(unit)
+            self._leave_out(*answer)
+        elif isinstance(answer, KilledWorker) and not on_trial:
+            self._suspects.append(unit)
+        elif isinstance(answer, KilledWorker | UnitDied):
+            deaths = answer.allowed_failures + 1 if isinstance(answer, KilledWorker) else MOST_DEATHS
+            last = answer.last_worker.address if isinstance(answer, KilledWorker) else answer
+            self._lost.append(f"{unit} killed {deaths} workers, the last time {last}")
+            self._say(f"given up: {self._lost[-1]}")
+        elif isinstance(answer, CancelledError):
+            raise self._lost_scheduler(answer)
+        else:
+            raise answer
         return []
 
     def _write(self, files: Iterable[tuple[str, bytes]]) -> None:
@@ -214,136 +246,115 @@ class ClusterWorkers(Generic[Unit, Result]):
                 part.write_bytes(data)
 
     def _look(self) -> None:
-        """Ask for the cluster's workers: new ones are enlisted, units of those that have gone are done again.
+        """Ask for the cluster's workers: new ones are enlisted, those that have gone are forgotten.
 
         :raises VpsciError: the scheduler is lost, or there has been no worker for `PATIENCE`.
         """
-        try:
-            if self._client.status != "running":
-                raise OSError(self._client.status)
-            there = set(self._client.nthreads())
-        except (OSError, TimeoutError) as error:
-            raise VpsciError(
-                f"--cluster {self._address}: the scheduler is lost ({str(error) or type(error).__name__}); what is "
-                "finished is kept: start it again and run the same command, which goes on"
-            ) from None
-        for worker in [*self._members, *self._left_out, *self._asked]:
-            if worker not in there:
-                self._leave(worker)
-        for worker in there - self._members.keys() - self._left_out.keys() - self._asked.keys():
-            self._asked[worker] = self._sent(worker, worker, enlist, self._order)
-        if self._members:
-            self._manned = time.monotonic()
-        elif there and there <= self._left_out.keys():
-            raise VpsciError(f"--cluster {self._address}: every worker is left out: {self._reasons()}")
-        elif time.monotonic() - self._manned > PATIENCE:
-            raise VpsciError(f"--cluster {self._address}: no worker for {PATIENCE:g} s; start some by `dask worker`")
+        from distributed.comm import get_address_host
 
-    def _reasons(self) -> str:
-        return "; ".join(f"{worker}: {reason}" for worker, reason in self._left_out.items())
+        now, client = time.monotonic(), self._client
+        try:
+            if client.status != "running":
+                raise OSError(client.status)
+            there = set(client.sync(client.scheduler.ncores, callback_timeout=_ANSWERS))
+        except TimeoutError as error:
+            if time.monotonic() - self._answered > PATIENCE:
+                raise self._lost_scheduler(error) from None
+            self._say("the scheduler does not answer; waiting")
+            return
+        except OSError as error:
+            raise self._lost_scheduler(error) from None
+        self._answered = now
+        for worker in (self._members.keys() | self._left_out.keys()) - there:
+            self._forget(worker)
+            self._left_out.pop(worker, None)
+        for worker in sorted(there - self._members.keys() - self._left_out.keys()):
+            if not self._whole_host or get_address_host(worker) not in map(get_address_host, self._members):
+                processes = self._sent(enlist, self._order, int(self._whole_host), workers=[worker], priority=9)
+                self._members[worker] = _Member(processes, now)
+        if self._members:
+            self._manned = now
+        elif there:
+            reasons = "; ".join(f"worker {worker}: {reason}" for worker, reason in self._left_out.items())
+            raise VpsciError(f"--cluster {self._address}: every worker is left out: {reasons}")
+        elif now - self._manned > PATIENCE:
+            raise VpsciError(f"--cluster {self._address}: no worker for {PATIENCE:g} s; start some by `dask worker`")
+        for worker, member in self._members.items():
+            if not member.slots and now - member.since > _ANSWERS:
+                self._say(f"worker {worker} has not begun yet: it starts, is busy with other work, or hangs; waiting")
+
+    def _lost_scheduler(self, error: BaseException) -> VpsciError:
+        why = "its connection broke" if isinstance(error, CancelledError) else str(error) or type(error).__name__
+        return VpsciError(
+            f"--cluster {self._address}: the scheduler is lost ({why}); what is finished is kept: start it again and "
+            "run the same command, which goes on"
+        )
 
     def _admit(self, worker: str, answer: Any) -> None:
-        """Take a worker's answer: it is at work, or left out."""
-        if self._asked.pop(worker, None) is None:
-            return
-        host, ip, slots, reason = ("", "", 0, _in_words(answer)) if isinstance(answer, Exception) else answer
-        if not reason and self._whole_host and any(member.ip == ip for member in self._members.values()):
-            self._left_out[worker] = _HOST_TAKEN
-        elif reason:
-            self._left_out[worker] = f"{host}: {reason}" if host else reason
-            self._say(f"worker {worker} is left out: {self._left_out[worker]}")
-        else:
-            self._members[worker] = member = _Member(host, ip, 1 if self._whole_host else slots)
-            self._hosts[host] += member.slots
+        """Take a worker's answer: it is at work, or left out.
 
-    def _leave(self, worker: str) -> None:
-        """Forget a worker, and have its units done again."""
-        self._left_out.pop(worker, None)
-        self._asked.pop(worker, None)
-        member = self._members.pop(worker, None)
-        if member is None:
-            return
-        self._hosts.subtract({member.host: member.slots})
-        self._left_out = {name: why for name, why in self._left_out.items() if why != _HOST_TAKEN}
-        lost = [task for task in self._running if task.worker == worker]
-        self._deaths += bool(lost)
-        for task in lost:
-            self._running.remove(task)
-            assert task.future is not None
-            task.future.cancel()
-            self._again(task, f"worker {worker} on {member.host} was lost")
-
-    def _again(self, task: _Task[Unit], death: str) -> None:
-        """Queue a unit again, or give it up.
-
-        :param death: how the worker died at it; empty: it did not.
+        :raises VpsciError: the scheduler is lost.
         """
-        task.deaths += bool(death)
-        if task.deaths < MOST_DEATHS or 2 * task.deaths <= self._deaths:  # most workers died at others: not its fault
-            self._queue.appendleft(task)
+        if isinstance(answer, CancelledError):
+            raise self._lost_scheduler(answer)
+        host, slots, reason = ("", 0, f"{type(answer).__name__}: {answer}") if isinstance(answer, Exception) else answer
+        if reason:
+            self._leave_out(worker, f"{host}: {reason}" if host else reason)
             return
-        self._lost.append(f"{task.unit} killed {task.deaths} workers, the last time {death}")
-        self._say(f"given up: {self._lost[-1]}")
+        member = self._members[worker]
+        member.host, member.slots = host, slots
+        self._hosts[host] += slots
+
+    def _leave_out(self, worker: str, reason: str) -> None:
+        if self._forget(worker):
+            self._left_out[worker] = reason
+            self._say(f"worker {worker} is left out: {reason}")
+
+    def _forget(self, worker: str) -> bool:
+        """Release a worker's processes, which end then; return whether it was there."""
+        if member := self._members.pop(worker, None):
+            member.processes.release()
+            self._hosts.subtract({member.host: member.slots})
+        return member is not None
 
     def _hand_out(self) -> None:
-        """Send queued units to the workers with the least to do, at most two for each that it computes at a time.
+        """Give Dask the queued units; a suspect when there is nothing else to do."""
+        while self._queue and not self._trial:
+            self._send(self._queue.popleft())
+        if self._suspects and not self._running:
+            self._trial = self._send(self._suspects.popleft())
 
-        A unit that a worker died with gets a worker for itself.
-        """
-        load = Counter(task.worker for task in self._running)
-        alone = {task.worker for task in self._running if task.deaths}
-        while self._queue and (free := self._members.keys() - alone):
-            worker = min(sorted(free), key=lambda name: load[name] / self._members[name].slots)
-            most = 1 if self._queue[0].deaths or self._whole_host else 2 * self._members[worker].slots
-            if load[worker] >= most:
-                return
-            task = self._queue.popleft()
-            alone |= {worker} if task.deaths else set()
-            task.worker, load[worker] = worker, load[worker] + 1
-            self._running.append(task)
-            task.future = self._sent(task, worker, compute, pickle.dumps(task.unit))
+    def _send(self, unit: Unit) -> str:
+        """Give Dask a unit; return its key. What a unit raises is an answer: `retries` are for a process that dies."""
+        future = self._sent(compute, pickle.dumps(unit), resources={self._name: 1}, retries=MOST_DEATHS - 1)
+        self._running[future.key] = future, unit
+        return str(future.key)
 
-    def _sent(self, task: "_Task[Unit] | str", worker: str, function: Callable[..., Any], data: bytes) -> "Future":
-        """Have a worker call a function; its answer comes through the queue, in which few fit."""
-        from distributed import CancelledError
-
-        def finished(future: "Future") -> None:
-            try:
-                answer: Any = future.result()
-            except CancelledError:
-                return
-            except Exception as error:  # noqa: BLE001 - raised or said where it is taken
-                answer = error
-            while not self._closed:
-                with contextlib.suppress(queue.Full):
-                    self._finished.put((task, answer), timeout=_LOOK)
-                    break
-            future.release()
-
+    def _sent(self, *call: Any, **options: Any) -> "Future":
+        """Have a worker call a function with this command's name and arguments; its answer comes to `_answers`."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sending large graph")
             key = f"{self._name}-{next(self._numbers)}"
-            future = self._client.submit(
-                function, self._name, data, key=key, workers=[worker], allow_other_workers=False, pure=False
-            )
-        future.add_done_callback(finished)
+            future = self._client.submit(call[0], self._name, *call[1:], key=key, pure=False, **options)
+        future.add_done_callback(lambda done: self._client.loop.add_callback(self._fetch, done))
         return future
 
+    async def _fetch(self, future: "Future") -> None:
+        await self._room.acquire()
+        try:
+            answer = await future
+        except Exception as error:  # noqa: BLE001 - raised or said where it is taken
+            answer = error
+        self._answers.put((future.key, answer))
+
     def _say(self, text: str) -> None:
-        print(f"  cluster: {text}", file=sys.stderr, flush=True)
+        """Say something, once."""
+        if text not in self._said:
+            self._said.add(text)
+            print(f"  cluster: {text}", file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Stop the units on the cluster, and leave it."""
-        self._closed = True
         self._hosts.clear()
-        with contextlib.suppress(Exception):  # it may be lost
-            self._client.cancel([task.future for task in self._running] + list(self._asked.values()))
-            asked = [*self._members, *self._left_out]  # one whose host another worker has waits there with a process
-            self._client.run(dismiss, self._name, workers=asked, on_error="ignore")
-        with contextlib.suppress(Exception):
-            self._client.close(_LOOK)
-
-
-def _in_words(error: Exception) -> str:
-    """Return why a worker could not be asked."""
-    return f"{type(error).__name__}: {error}"
+        with contextlib.suppress(Exception):  # it may be lost, or hang
+            self._client.close(_CONNECTS)  # which Dask's scheduler takes as no more wanting anything, now or later

@@ -1,37 +1,52 @@
 """The host's side of work on a Dask cluster: tasks of Dask, and the processes in which they have units computed.
 
 Units run in processes of their own, one for each thread of the Dask worker. A cancelled task kills its process, which
-no thread allows; a crash kills that process, and Dask's worker stays. A process that waits for longer than `IDLE` ends,
-so nothing remains of a command that was killed.
+no thread allows; a crash kills that process, and Dask's worker stays. The processes end when Dask's scheduler says that
+the command, stopped or killed, does not want them any more.
 """
 
+import asyncio
 import contextlib
+import errno
 import os
 import pickle
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from importlib.metadata import distributions
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import REMEDIES, VpsciError, in_words
 from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.provenance import cpu_name, kernel_target, package_digest, software_versions
 from vpsci_ros.runs.record import RUN_RECORD
-from vpsci_ros.runs.workers import Place, end_with
+from vpsci_ros.runs.workers import Place
 
-IDLE = 60.0  # [s] after which a process without a unit ends
+if TYPE_CHECKING:
+    from distributed import Worker
+
 _LOOK = 0.1  # [s] between looks whether a unit is still wanted
 _GRACE = 10.0  # [s] that a process has to end in order
-_READY, _REFUSED = b"ready", b"refused"
+_REFUSED = b"refused: "
+_DISK = tuple(REMEDIES[number] for number in (errno.ENOSPC, errno.EFBIG, errno.EROFS, errno.EACCES))
+
+
+class UnitDied(VpsciError):
+    """The process of a unit has died."""
+
+
+class _Refused(Exception):
+    """This worker computes no units of an order, and why."""
 
 
 class Order(NamedTuple):
@@ -66,190 +81,208 @@ def _plugins() -> list[str]:
 
 
 class _Child:
-    """A process that computes units of an order.
+    """A process that makes the job of an order, then computes units."""
 
-    :ivar refused: why it cannot.
-    """
-
-    def __init__(self, order: bytes, folder: Path) -> None:
+    def __init__(self, folder: Path) -> None:
         self._connection, there = Pipe()
-        command = [sys.executable, "-m", __name__, str(there.fileno()), str(os.getpid()), str(folder)]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, pass_fds=[there.fileno()], start_new_session=True
-        )
+        command = [sys.executable, "-m", __name__, str(there.fileno()), str(folder)]
+        environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # other hosts may have its domain
+        self.process = ChildProcess(command, folder / "log", environment, inherited=[there.fileno()])
         there.close()
-        self.refused = ""
-        try:
-            self._connection.send_bytes(order)
-            if self._connection.recv_bytes() == _REFUSED:
-                self.refused = self._connection.recv_bytes().decode()
-        except (EOFError, OSError):
-            self.refused = f"its process {self.end()} before the first unit"
 
-    def end(self) -> str:
-        """Wait for the end of the process and return how it ended."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_GRACE)
-        status = self._process.returncode
-        if status is None:
-            return "closed its connection"
-        return f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with exit status {status}"
+    def ask(self, words: bytes, wanted: Callable[[], bool]) -> bytes:
+        """Send an order or a unit, and return the answer.
 
-    @property
-    def alive(self) -> bool:
-        """Whether the process runs."""
-        return self._process.poll() is None
-
-    def compute(self, unit: bytes, wanted: Callable[[], bool]) -> bytes | None:
-        """Return the pickled result of a pickled unit; None if it is not wanted any more.
-
+        :raises Reschedule: it is not wanted any more.
         :raises EOFError: the process has died.
         :raises OSError: likewise.
         """
-        self._connection.send_bytes(unit)
+        from distributed import Reschedule
+
+        self._connection.send_bytes(words)
         while not self._connection.poll(_LOOK):
             if not wanted():
-                return None
-        return self._connection.recv_bytes()
+                raise Reschedule
+        answer = self._connection.recv_bytes()
+        if answer.startswith(_REFUSED):
+            raise _Refused(answer.removeprefix(_REFUSED).decode())
+        return answer
 
     def stop(self) -> None:
-        """End the process, also in the middle of a unit."""
-        self._process.terminate()
-        self.end()
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)  # with all that it started in its session
-        self._process.wait()
+        """End the process, also in the middle of a unit, with all that it started in its session."""
+        stop([self.process], ((signal.SIGTERM, _GRACE), (signal.SIGKILL, _GRACE)))
+        self.process.signal(signal.SIGKILL)
         self._connection.close()
 
 
 class _Crew:
-    """The processes of one order on this Dask worker."""
+    """The processes of one order on this Dask worker: as many as have computed at a time.
+
+    :ivar refused: why they compute no more units.
+    """
 
     def __init__(self, order: bytes, folder: str) -> None:
-        self._order = order
+        self._order, self.refused, self._closed = order, "", False
         self._folder = Path(tempfile.mkdtemp(prefix="vpsci-", dir=folder))
-        self._idle: list[_Child] = []
         self._all: set[_Child] = set()
-        self._lock = threading.Lock()
+        self._idle: list[_Child] = []
 
-    def take(self) -> _Child:
-        """Return an idle process, or a new one."""
-        with self._lock:
-            while self._idle:
-                if (child := self._idle.pop()).alive:
-                    return child
-                self._all.discard(child)
-            number = len(self._all)
-        child = _Child(self._order, Path(tempfile.mkdtemp(prefix=f"{number}-", dir=self._folder)))
-        with self._lock:
-            self._all.add(child)
-        return child
+    def ask(self, wanted: Callable[[], bool], unit: bytes = b"") -> bytes:
+        """Have an idle process, or a new one, compute a unit; empty: none.
 
-    def give_back(self, child: _Child) -> None:
-        """Take back a process that waits for a unit."""
-        with self._lock:
+        :raises Reschedule: it is not wanted any more.
+        :raises UnitDied: the process has died.
+        """
+        from distributed import Reschedule
+
+        child = None
+        try:
+            with contextlib.suppress(IndexError):  # of an empty list
+                child = self._idle.pop()
+            if child is None or child.process.status is not None:
+                child = _Child(Path(tempfile.mkdtemp(dir=self._folder)))
+                self._all.add(child)
+                child.ask(self._order, wanted)
+            answer = child.ask(unit, wanted) if unit else b""
             self._idle.append(child)
-
-    def discard(self, child: _Child) -> None:
-        """Stop a process."""
-        child.stop()
-        with self._lock:
-            self._all.discard(child)
+            return answer
+        except BaseException as error:
+            if child is not None:
+                child.process.wait(_GRACE if isinstance(error, EOFError) else 0.0)  # which says how it ended
+                died = f"its process {child.process.end or 'closed its connection'}"
+                child.stop()
+                self._all.discard(child)
+            if not isinstance(error, EOFError | OSError):
+                raise
+            if disk := _of_disk(error):
+                raise _Refused(disk) from None
+            if self._closed or not wanted():
+                raise Reschedule from None
+            raise UnitDied(died) from None
 
     def close(self) -> None:
         """Stop all processes, and remove their files."""
-        with self._lock:
-            children, self._idle = list(self._all), []
-        for child in children:
-            child.stop()
+        self._closed = True
+        while self._all:
+            self._all.pop().stop()
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
 _CREWS: dict[str, _Crew] = {}  # of this Dask worker, by name
 
 
-def enlist(name: str, order: bytes) -> tuple[str, str, int, str]:
-    """Task: start the first process of an order.
+def enlist(name: str, order: bytes, slots: int) -> tuple[str, int, str]:
+    """Task: start the first process of an order, and offer to compute units as long as Dask keeps this task's result.
 
-    :return: name of the host, its address, number of units that it computes at a time, and why this worker is left out
-        ("": it is not).
+    :param slots: units at a time; 0: one for each thread.
+    :return: name of the host, number of units that it computes at a time, and why this worker is left out ("": it is
+        not).
     """
     from distributed import get_worker
 
     worker = get_worker()
-    crew = _CREWS.get(name) or _Crew(order, worker.local_directory)
-    child = crew.take()
-    if child.refused:
+    crew, slots = _Crew(order, worker.local_directory), slots or worker.state.nthreads
+    wanted = partial(_wanted, worker, worker.get_current_task(), "executing", "memory")
+    try:
+        crew.ask(wanted)
+    except _Refused as error:
         crew.close()
-    else:
-        crew.give_back(child)
-        _CREWS[name] = crew
-    return socket.gethostname(), worker.ip, worker.state.nthreads, child.refused
+        return socket.gethostname(), 0, str(error)
+    _CREWS[name] = crew
+    _offer(worker, name, slots)
+    threading.Thread(target=_keep, args=(worker, name, crew, wanted), daemon=True).start()
+    return socket.gethostname(), slots, ""
 
 
-def compute(name: str, unit: bytes) -> bytes | str:
+def _wanted(worker: "Worker", key: str, *states: str) -> bool:
+    """Return whether this worker is to have a task in one of these states; a worker may retire in vain."""
+    task = worker.state.tasks.get(key)
+    at_work = worker.status.name in ("running", "paused", "closing_gracefully")
+    return at_work and task is not None and task.state in states
+
+
+def _offer(worker: "Worker", name: str, slots: int) -> None:
+    """Have Dask's scheduler give units of an order to this worker, so many at a time; 0: none beside those it has."""
+    from distributed.core import Status
+
+    async def offered() -> None:
+        if not slots:  # for the worker itself the offer stands, or it would keep what it has and not begin it
+            await worker.scheduler.set_resources(worker=worker.contact_address, resources={name: 0})
+            return
+        await worker.set_resources(**{name: slots})
+        if worker.status is Status.running:
+            worker.status = Status.paused  # Dask looks for tasks that no worker could do when one begins to run, and
+            worker.status = Status.running  # not when one offers something
+
+    asyncio.run_coroutine_threadsafe(offered(), worker.loop.asyncio_loop).result(_GRACE)
+
+
+def _keep(worker: "Worker", name: str, crew: _Crew, wanted: Callable[[], bool]) -> None:
+    """Close a crew when it is not wanted any more."""
+    while wanted():
+        time.sleep(10 * _LOOK)
+    _CREWS.pop(name, None)
+    crew.close()
+    with contextlib.suppress(Exception):  # the scheduler or this worker may have ended
+        _offer(worker, name, 0)
+
+
+def compute(name: str, unit: bytes) -> bytes | tuple[str, str]:
     """Task: compute a unit.
 
-    :return: the pickled result, which Dask does not copy; or in words how the process died, and "" where this worker
-        knows no order of that name.
+    :return: the pickled result, which Dask does not copy; or address of this worker and why it computes no units.
+    :raises UnitDied: its process has died.
+    :raises Reschedule: it is not wanted here any more.
     """
-    from distributed import get_worker
+    from distributed import Reschedule, get_worker
 
-    crew, worker = _CREWS.get(name), get_worker()
-    if crew is None:
-        return ""
-    key = worker.get_current_task()
-
-    def wanted() -> bool:
-        task = worker.state.tasks.get(key)
-        return task is not None and task.state == "executing" and worker.status.name == "running"
-
-    child = crew.take()
-    result = None
-    try:
-        result = None if child.refused else child.compute(unit, wanted)
-        return "" if result is None else result
-    except (EOFError, OSError):
-        return child.end()
-    finally:
-        crew.discard(child) if result is None else crew.give_back(child)
+    worker = get_worker()
+    if (crew := _CREWS.get(name)) is None:
+        _offer(worker, name, 0)
+        raise Reschedule
+    if not crew.refused:
+        try:
+            return crew.ask(partial(_wanted, worker, worker.get_current_task(), "executing"), unit)
+        except _Refused as error:
+            crew.refused = str(error)
+    _offer(worker, name, 0)
+    return worker.address, f"{socket.gethostname()}: {crew.refused}"
 
 
-def dismiss(name: str) -> None:
-    """Stop the processes of an order on this Dask worker."""
-    if crew := _CREWS.pop(name, None):
-        crew.close()
+def _of_disk(error: BaseException | None) -> str:
+    """Return in words that a disk took no more, if an error came of that; empty: it did not."""
+    while error is not None and not in_words(error).endswith(_DISK):
+        error = error.__cause__ or error.__context__
+    return in_words(error) if error else ""
 
 
-def main(descriptor: int, parent: int, folder: str) -> None:
+def main(descriptor: int, folder: str) -> None:
     """Run a process of an order: make the job, then compute one unit after another."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # graphs of other hosts may have the same domain
-    threading.Thread(target=end_with, args=(parent,), daemon=True).start()
     connection = Connection(descriptor)
     order: Order = pickle.loads(connection.recv_bytes())
     outputs = Path(folder, "outputs")
-    outputs.mkdir()
     try:
+        outputs.mkdir()
         mine = facts(mixed_cpus="cpu" not in order.facts)
         require_same("this worker", mine, order.facts, "computes", "install there what is installed here")
         root = _lay_out(order, f"{folder}/files")
         do = pickle.loads(order.job)(Place(outputs, True, root))
     except Exception as error:  # noqa: BLE001 - the command says it
-        connection.send_bytes(_REFUSED)
-        connection.send_bytes((str(error) if isinstance(error, VpsciError) else repr(error)).encode())
+        connection.send_bytes(_REFUSED + (str(error) if isinstance(error, VpsciError) else repr(error)).encode())
         return
-    connection.send_bytes(_READY)
-    while connection.poll(IDLE):
-        try:
+    connection.send_bytes(b"ready")
+    with contextlib.suppress(EOFError):
+        while True:
             unit = pickle.loads(connection.recv_bytes())
-        except EOFError:
-            return
-        try:
-            result: Any = do(unit)
-        except Exception as error:  # noqa: BLE001 - the command raises it
-            result = error
-        connection.send_bytes(pickle.dumps((result, list(_taken(outputs))), pickle.HIGHEST_PROTOCOL))
+            try:
+                result: Any = do(unit)
+            except Exception as error:  # noqa: BLE001 - the command raises it
+                result = error
+            if isinstance(result, Exception) and (disk := _of_disk(result)):
+                connection.send_bytes(_REFUSED + disk.encode())
+                return
+            connection.send_bytes(pickle.dumps((result, list(_taken(outputs))), pickle.HIGHEST_PROTOCOL))
 
 
 def _lay_out(order: Order, root: str) -> str:
@@ -289,4 +322,4 @@ def _taken(folder: Path) -> Iterator[tuple[str, bytes]]:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])
+    main(int(sys.argv[1]), sys.argv[2])

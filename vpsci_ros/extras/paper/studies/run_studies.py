@@ -43,7 +43,7 @@ def run_sample_study(
     learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     facts = {"study": {"sizes": list(sizes)}} | mixed(site)
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
-        with _shown("samples", "{} interactions", quiet) as report:
+        with _shown("samples", "{} interactions", quiet, site) as report:
             table = sample_size_study(
                 corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, site=site, report=report
             )
@@ -67,12 +67,16 @@ def _stage_1_inputs(sections: Sections) -> Stage1Inputs:
 
 
 @contextlib.contextmanager
-def _shown(study: str, title: str, quiet: bool) -> Iterator[StudyReport]:
+def _shown(study: str, title: str, quiet: bool, site: Site) -> Iterator[StudyReport]:
     """Show the progress of a study; yield its report function, which raises `Stopped` after a signal.
+
+    Where other processes learn, the signal itself does: nobody waits for their next result.
 
     :param title: of the progress bar, with {} for the name of a part.
     """
-    with StageBar(study, quiet) as bar, stop_requested_by_signals() as stop:
+    with StageBar(study, quiet) as bar, stop_requested_by_signals() as stop, contextlib.ExitStack() as others:
+        if not site.alone:
+            others.enter_context(stop.at_once())
 
         def report(name: str, values: dict[str, float]) -> None:
             bar.show(values, title.format(name))
@@ -115,7 +119,7 @@ def run_model_study(
         facts |= {"hybrid": hybrid.identity(), "fresh_episodes": fresh_episodes, "fresh_seed": hybrid.seed}
         files = [*files, simulated]
     with RunFolder(folder, resolved, files, {"study": facts} | mixed(site)) as run:
-        with _shown("models", f"fold {{}} of {folds}", quiet) as report:
+        with _shown("models", f"fold {{}} of {folds}", quiet, site) as report:
             result = compare_models(
                 corpus,
                 config,
