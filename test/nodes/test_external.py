@@ -1,5 +1,6 @@
 """A driving system of one's own drives in lock-step; what it says wrongly is refused, and the world goes on."""
 
+import re
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -11,10 +12,12 @@ from nav_msgs.msg import Odometry
 from nodes.stage import PATIENCE, Stage, overrides
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
+from rclpy.qos import qos_profile_sensor_data
 
 from vpsci_msgs.msg import EpisodeEvent, WorldState
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.lockstep.intervention import Intervention, as_parameter
+from vpsci_ros.nodes.failures import ADS, never_came
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 
@@ -109,6 +112,17 @@ def test_a_command_in_another_frame_than_the_vehicles_is_refused(
     session.answer(AccelStamped, "vehicle/cmd_accel", make)
     session.run()
     assert session.missing == missing
+
+
+def test_commands_that_the_world_cannot_hear_for_their_quality_of_service_are_said_to_be_so(
+    drive: Callable[..., Drive],
+) -> None:
+    session = drive()
+    session.peer.create_publisher(AccelStamped, "vehicle/cmd_accel", qos_profile_sensor_data)
+    session.spin_until(lambda: any("QoS" in each for each in session.world.awaited))
+    assert ADS in session.world.awaited
+    said = never_came(session.world.counts, 61.0, 60.0, session.world.awaited)
+    assert re.search("ads cannot be heard on /.*cmd_accel by its QoS .Best effort publisher and reliable subscr", said)
 
 
 def test_an_external_driver_of_many_episodes_at_once_is_refused(context: Context) -> None:

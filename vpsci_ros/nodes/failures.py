@@ -15,6 +15,7 @@ from vpsci_ros.runs.processes import ChildProcess
 
 RESPONDENTS = {"safety_monitor": "safety", "vehicle_policy": "vehicle", "pedestrian_policy": "pedestrian"}
 ADS = "an external driving system"  # among what the world waits for
+UNMATCHED = "cannot be heard on"  # likewise, of a publisher of commands, before its topic
 OPEN_TO_ALL = (
     "/markers",
     "/tf",
@@ -127,6 +128,8 @@ def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Colle
     published = counts.vehicle_commands or counts.vehicle_commands_refused or counts.vehicle_commands_early
     if counts.tick or published or idle <= patience:
         return ""
+    if unmatched := [each for each in awaited if UNMATCHED in each]:
+        return f"the ADS's {'; '.join(unmatched)}; publish its commands reliably, as QoS depth 10 does"
     topics = "/vehicle/cmd_accel or /vehicle/cmd_control"
     return f"the ADS never published {topics}, in {patience:g} s (graph.progress_timeout)"
 

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import AccelStamped
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header
@@ -17,7 +17,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.lockstep.external_driver import ExternalDriver
 from vpsci_ros.lockstep.lock_step import SAFETY, LockStep
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.failures import ADS
+from vpsci_ros.nodes.failures import ADS, UNMATCHED
 from vpsci_ros.nodes.topics import COMMANDS
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.wire import layout
@@ -72,7 +72,16 @@ class Respondents:
     def _absent(self) -> set[str]:
         """Return the nodes whose answers the world needs and that do not publish yet."""
         absent = {name for name, given in self._inputs.items() if not given.get_publisher_count()}
-        return absent | ({ADS} if self._commands and not self.commanded() else set())
+        return absent | ({ADS, *self._unmatched()} if self._commands and not self.commanded() else set())
+
+    def _unmatched(self) -> Iterator[str]:
+        """Yield, in words, each publisher of commands that the world cannot read for its quality of service (QoS)."""
+        for given in self._commands:
+            for writer in self._node.get_publishers_info_by_topic(given.topic_name):
+                fits, reason = qos_check_compatible(writer.qos_profile, given.qos_profile)
+                if fits == QoSCompatibility.ERROR:
+                    reason = reason.removeprefix("ERROR: ").removesuffix(";")
+                    yield f"{writer.node_name} {UNMATCHED} {given.topic_name} by its QoS ({reason})"
 
     def unanswered(self) -> set[str]:
         """Return the nodes that have not answered the present tick yet."""
