@@ -5,6 +5,7 @@ import queue
 import socket
 from collections.abc import Iterator
 from contextlib import closing
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,19 @@ def test_messages_arrive_on_both_sides_and_a_page_that_comes_later_gets_the_late
     assert [each["type"] for each in found] == ["frame", "result", "episode", "frame", "episode", "frame"]
     assert heard.get(timeout=30.0) == {"ready": True}
     assert [heard.get(timeout=30.0) for _ in range(2)] == [None, None], "a page is closed; one that is replaced is not"
+
+
+@pytest.mark.parametrize(("length", "status"), [(LARGEST_MESSAGE, 404), (LARGEST_MESSAGE + 1, 400)])
+def test_a_request_with_a_longer_body_than_a_message_is_refused_before_the_body_is_read(
+    server: Server, length: int, status: int
+) -> None:
+    host, path = server.address.removeprefix("http://").split("/", 1)
+    connection = HTTPConnection(host, timeout=60.0)
+    connection.putrequest("POST", f"/{path}none")
+    connection.putheader("Content-Length", str(length))
+    connection.endheaders(b"x" * length if status == 404 else None)
+    assert connection.getresponse().status == status
+    connection.close()
 
 
 @pytest.mark.parametrize("text", ["no JSON", "[1]", "[" * 4000, "x" * (LARGEST_MESSAGE + 1)])

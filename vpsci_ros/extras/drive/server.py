@@ -93,7 +93,8 @@ class Server:
             websocket_max_message_size=LARGEST_MESSAGE,
             websocket_ping_interval=5.0,
         )
-        server = HTTPServer(Application([Rule(_Ours(self._secret, self._hosts), own)], log_function=_unsaid))
+        answers = Application([Rule(_Ours(self._secret, self._hosts), own)], log_function=_unsaid)
+        server = HTTPServer(answers, max_body_size=LARGEST_MESSAGE)
         server.add_socket(self._listening)
         started.set()
         await self._stop.wait()
