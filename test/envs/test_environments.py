@@ -195,6 +195,15 @@ def test_the_gain_is_the_share_of_the_pedestrians_acceleration_that_becomes_moti
     assert WorldConfig().pedestrian_gain == 1.0, "the shipped policies' gain is the environment's"
 
 
+def test_an_action_of_another_size_is_refused_in_words():
+    env = RightTurnEnv(**WALKER)
+    env.reset(seed=1)
+    with pytest.raises(
+        InvalidInput, match=r"an action is \(steer, pedal\), two numbers of -1 to 1; got \[0.0, 1.0, 0.0\]"
+    ):
+        env.step(np.array([0.0, 1.0, 0.0], np.float32))
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

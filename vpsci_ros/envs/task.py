@@ -25,6 +25,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import shown
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import COLLISION, PARKED_COLLISION, TIMEOUT
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
@@ -48,8 +50,14 @@ def observe(state: NDArray[np.void], curvttc: NDArray[np.float64], tables: Table
 
 
 def controls(action: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return (steer, throttle, brake), float64[B, 3], for actions float[B, 2] in -1..1."""
-    steer, pedal = np.asarray(action, np.float64).T
+    """Return (steer, throttle, brake), float64[B, 3], for actions float[B, 2] in -1..1.
+
+    :raises InvalidInput: another number of values.
+    """
+    values = np.asarray(action, np.float64)
+    if values.shape[1:] != (2,):
+        raise InvalidInput(f"an action is (steer, pedal), two numbers of -1 to 1; got {shown(values[0].tolist())}")
+    steer, pedal = values.T
     return np.stack([steer, np.maximum(pedal, 0.0), np.maximum(-pedal, 0.0)], axis=1)
 
 
