@@ -26,7 +26,7 @@ from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.exam_config import ADS
 from vpsci_ros.exam.junit import write_junit
-from vpsci_ros.exam.markdown import write_summary
+from vpsci_ros.exam.markdown import _plain, write_summary
 from vpsci_ros.exam.measures import COLUMNS
 from vpsci_ros.exam.timing import not_met
 from vpsci_ros.resources import params_dir
@@ -206,6 +206,11 @@ def test_an_exam_without_an_earlier_one_leaves_its_verdict_for_ci_too(home: Path
     summary = (tmp_path / "today" / "summary.md").read_text()
     assert summary.startswith(f"## my_driver:MyDriver: failed\n\n- {reasons[0]}\n")
     assert "| walker, does not react | 4 | 0 | 0.00 [0.00, 48.99] % | " in summary, "Wilson's interval: z^2 / (4 + z^2)"
+
+
+def test_what_a_system_says_is_no_markup_in_the_summary() -> None:
+    said = "at 0.00 s ValueError: <img src=x> ![a](b) `c` *d* | _e_ f_g\n# h &lt; \\"
+    assert _plain(said) == (r"at 0.00 s ValueError: \<img src=x> !\[a\](b) \`c\` \*d\* \| \_e\_ f_g # h \&lt; \\")
 
 
 def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_criteria_alone(tmp_path: Path) -> None:

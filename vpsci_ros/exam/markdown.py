@@ -1,5 +1,6 @@
 """The verdict of an exam as Markdown for a merge request (summary.md), with links into the page of its episodes."""
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,8 @@ def write_summary(folder: Path, report: Mapping[str, Any], failing: Failing, vie
 
 def _summary(report: Mapping[str, Any], failing: Failing, view: str) -> Iterator[str]:
     """Yield the lines of the summary."""
-    yield from (f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", "")
-    yield from [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
+    yield from (f"## {_plain(report['exam']['ads'])}: {'failed' if report['failures'] else 'passed'}", "")
+    yield from [f"- {_plain(reason)}" for reason in report["failures"]] + [""] * bool(report["failures"])
     if found := report["alone"]:
         yield from (f"On the empty road the system arrives in {found['arrived']} of {found['of']} episodes.", "")
     yield from (sentence(report), "")
@@ -44,8 +45,9 @@ def _summary(report: Mapping[str, Any], failing: Failing, view: str) -> Iterator
 def _changes(found: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines that compare the exam with an earlier one."""
     yield (
-        f"Compared with `{found['ads']}` in {found['folder']}. A failure: {_failure(found['failure'])}. Changes are of "
-        "the same episodes in pairs, new minus old, with 95% intervals; bold where the interval leaves out 0.\n"
+        f"Compared with {_plain(found['ads'])} in {_plain(found['folder'])}. A failure: {_failure(found['failure'])}. "
+        "Changes are of the same episodes in pairs, new minus old, with 95% intervals; bold where the interval leaves "
+        "out 0.\n"
     )
     heads = ["pedestrian", "episodes", "unchanged", "fixed", "newly broken", "still failing"]
     yield from _head([*heads, *(MEASURES[name].title for name in _SHOWN)])
@@ -69,6 +71,11 @@ def _values(report: Mapping[str, Any], failing: Failing) -> Iterator[str]:
     for name, row in report["drivers"].get(ADS, {}).items():
         cells = [title_of(name), row["episodes"], len(failing[name]["failing"])]
         yield _row([*cells, *(_interval(row[measure], measure) for measure in _SHOWN)])
+
+
+def _plain(text: str) -> str:
+    """Return Markdown that shows a text as it is, in one line: what a driving system says is no markup."""
+    return re.sub(r"([\\`*\[\]<&|~$]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
 
 
 def _failure(column: str) -> str:
