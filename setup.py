@@ -148,6 +148,7 @@ BRANCHES = {
         "ads-protocol = vpsci_ros.extras.exam_extra.ads_commands:protocol_app",
         "ads-search = vpsci_ros.extras.exam_extra.ads_commands:search_app",
         "ads-socket = vpsci_ros.extras.exam_extra.ads_commands:socket_app",
+        "ads-compare = vpsci_ros.extras.exam_extra.ads_commands:compare_app",
         "ads-why = vpsci_ros.extras.exam_extra.ads_commands:why_app",
         "drive = vpsci_ros.extras.drive.drive_command:drive_app",
         "export = vpsci_ros.extras.formats.export_command:export_app",

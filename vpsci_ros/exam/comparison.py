@@ -45,7 +45,7 @@ def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earl
     stored = read_json(folder / EXAM)
     require_form(stored, {"ads": str, "parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     advice = "give this exam the same --params and --set"
-    require_same(f"--baseline {folder}", _conditions(stored), _conditions(identity), "is an exam", advice)
+    require_same(f"--baseline {folder}", conditions_of(stored), conditions_of(identity), "is an exam", advice)
     rows = rows_of(read_episode_table(folder), ADS).filter(pl.col("pedestrian").is_in(exam.config.opponents))
     driven, wanted = (sorted(set(keys)) for keys in (rows.select(_KEY).rows(), exam.episodes))
     if not set(driven) & set(wanted):
@@ -57,13 +57,13 @@ def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earl
     return Earlier(folder, stored["ads"], rows)
 
 
-def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
+def conditions_of(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of an identity that compared exams share: without driving system and software."""
     kept = {
         name: identity.get(name)
         for name in ("world", "scenarios_sha256", "weights_sha256", "agents", "recorded_sha256")
     }
-    left_out = ("ads", "ads_class", "bags", "baseline", "only", "recorded")
+    left_out = ("ads", "ads_class", "bags", "baseline", "check_state", "only", "recorded")
     return kept | {
         section: {name: value for name, value in values.items() if name not in left_out}
         for section, values in identity["parameters"].items()

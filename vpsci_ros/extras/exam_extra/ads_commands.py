@@ -1,4 +1,4 @@
-"""The commands `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`."""
+"""The commands `vpsci ads-search`, `ads-why`, `ads-compare`, `ads-protocol` and `ads-socket`."""
 
 import math
 import sys
@@ -14,6 +14,7 @@ from vpsci_ros.cli.options import (
     Params,
     Quiet,
     Settings,
+    file_to_write,
     read_sections,
     site_of,
     stoppable,
@@ -21,7 +22,7 @@ from vpsci_ros.cli.options import (
 )
 
 PANEL = "Examine a driving system"  # of `vpsci --help`
-search_app, why_app, protocol_app, socket_app = (typer.Typer(add_completion=False) for _ in range(4))
+search_app, why_app, compare_app, protocol_app, socket_app = (typer.Typer(add_completion=False) for _ in range(5))
 
 
 @search_app.command(rich_help_panel=PANEL, short_help="Find the episodes in which a system fails.")
@@ -77,6 +78,26 @@ def ads_why(
         limit = 60.0 * minutes or math.inf
         page = explain_exam(exam, failures, workers=workers or 1, quiet=quiet, limit=limit)
     print(f"report: {page}")
+
+
+@compare_app.command(rich_help_panel=PANEL, short_help="Compare exams of several systems.")
+def ads_compare(
+    exams: Annotated[list[Path], typer.Argument(metavar="EXAM EXAM ...", help="Folders of `vpsci ads-test`.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="PAGE.html", callback=file_to_write, help="The page to write.")
+    ],
+    json_path: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", callback=file_to_write, help="Write all numbers to this file."),
+    ] = None,
+) -> None:
+    """Compare finished exams of the same episodes in one table, with paired differences and an order of the systems.
+
+    Exams of other episodes are refused. Two systems have an order where their difference shows (docs/ads.md).
+    """
+    from vpsci_ros.extras.exam_extra.side_by_side import compare_exams
+
+    compare_exams(exams, output, json_path)
 
 
 @protocol_app.command(rich_help_panel=PANEL, short_help="Drive Euro NCAP's car-to-pedestrian tests.")
