@@ -126,6 +126,28 @@ def test_what_raises_loses_its_episode_and_no_other_and_the_report_says_where(
     assert report["conduct"]["walker"]["episodes_driven"] == 3
 
 
+COUNTS = """class Mine:
+  n = 0
+  def reset(self, begin):
+    {reset}
+  def act(self, observation):
+    return 1.0 if self.n < 2 else -1.0
+"""
+
+
+@pytest.mark.parametrize(("reset", "kept"), [("self.n += 1", True), ("self.n = 1", False)])
+def test_a_class_that_keeps_state_is_named_and_its_episodes_are_the_same_with_bags(
+    tmp_path: Path, module: Write, small_exam: Small, here: None, reset: str, kept: bool
+) -> None:
+    driver = module(COUNTS.format(reset=reset))
+    for name, bags in (("exam", False), ("bags", True)):
+        failures = run_exam(small_exam(driver, bags=bags), tmp_path / name, quiet=True)
+        said = "the ADS keeps state from one episode to the next, or draws random numbers of its own: 1 of 2 episodes"
+        assert [said in failure for failure in failures] == [True] * kept
+    exam, bags = (pl.read_parquet(tmp_path / name / "episodes.parquet") for name in ("exam", "bags"))
+    assert exam.equals(bags)
+
+
 def test_a_class_that_never_drives_is_said_so_once_and_its_refused_answers_are_counted(
     tmp_path: Path, module: Write, small_exam: Small, here: None
 ) -> None:

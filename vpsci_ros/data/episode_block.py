@@ -121,6 +121,12 @@ class EpisodeBlock:
         found: list[Key] = self.records[["scenario", "count"]].tolist()
         return found
 
+    def motions(self) -> dict[Key, bytes]:
+        """Return the bytes of each episode's values, by which two episodes are compared."""
+        ends = np.cumsum(self.records["rows"])
+        parts = zip(self.keys, ends - self.records["rows"], ends, strict=True)
+        return {key: self.values[begin:end].tobytes() for key, begin, end in parts}
+
     def without(self, keys: Container[Key]) -> "EpisodeBlock":
         """Return the episodes other than those of these keys."""
         return self.only(np.array([key not in keys for key in self.keys], np.bool_))

@@ -193,10 +193,13 @@ def main(descriptor: int, text: str) -> None:
         before = set(sys.modules)
         driver = find_driver(text)
         say({"path": _source(driver), "imported": _of_working_directory(sys.modules.keys() - before)})
-        cockpit = Cockpit(driver, *connection.recv())
-        say({})
         while True:
-            for answer in cockpit.answers(connection.recv()):
+            asked = connection.recv()
+            if isinstance(asked, tuple):
+                cockpit = Cockpit(driver, *asked)
+                say({})
+                continue
+            for answer in cockpit.answers(asked):
                 say(answer)
     except VpsciError as error:
         say({"refused": str(error)})

@@ -80,6 +80,9 @@ class ExamConfig:
     bags: bool = parameter(
         False, "also write bags of a system without ROS; the system then drives one episode at a time"
     )
+    check_state: bool = parameter(
+        True, "fail a class or a program behind a socket that keeps state from one episode to the next (docs/ads.md)"
+    )
 
     def __post_init__(self) -> None:
         if not self.ads.strip():

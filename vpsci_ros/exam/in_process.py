@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
@@ -87,19 +88,20 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
     world = loop.world.config
     with contextlib.ExitStack() as stack:
         bars = stack.enter_context(Bars(quiet=quiet))
-        answers = stack.enter_context(_driver_answers(exam, loop, log))
-        driven = DrivenLoop(loop, answers, exam.perception, log)
+        drivers = stack.enter_context(_drivers(exam, log))
+        cars = {key: car for car, key in enumerate(exam.episodes)}
+        driven = DrivenLoop(loop, drivers(len(cars)), exam.perception, log, cars)
         ticks = driven.ticks(lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
         if config.bags:
             made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
             seen = list(ticks)
             write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
-        block = block_of_ticks(ticks, exam.scenarios)
-    failure = driven.failure()
+        block = block_of_ticks(ticks, exam.scenarios).without(driven.lost)
+        failure = driven.failure() or _kept_state(exam, name, block, drivers, log)
     said = f"{title_of(name)}: {failure}" if failure else ""
     conduct = Conduct(len(exam.episodes), driven.refused, failure=said)
-    write_result(run, exam, block.without(driven.lost), conduct)
+    write_result(run, exam, block, conduct)
     write_record(
         run / RUN_RECORD,
         begun=begun,
@@ -110,19 +112,44 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
 
 
 @contextlib.contextmanager
-def _driver_answers(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
-    """Yield the function that has the driving system answer for every car of a loop."""
-    patience = exam.patience
-    cars = len(loop.world.state) // loop.world.config.pedestrians
+def _drivers(exam: Exam, log: Path) -> Iterator[Callable[[int], Answers]]:
+    """Yield a function that makes drivers for so many cars, and returns the function that has them answer."""
+    patience, spawn = exam.patience, exam.world.spawn
     with contextlib.ExitStack() as stack:
         if exam.driver is not None:
-            yield Cockpit(
-                stack.enter_context(exam.driver(log, patience)), exam.scenarios, cars, exam.world.spawn
-            ).answers
+            make = stack.enter_context(exam.driver(log, patience))
+            yield lambda cars: Cockpit(make, exam.scenarios, cars, spawn).answers
             return
         process = stack.enter_context(class_process(exam.config.ads_class, log, patience))
-        process.make_drivers(exam.scenarios, cars, exam.world.spawn)
-        yield process.answers
+
+        def made(cars: int) -> Answers:
+            process.make_drivers(exam.scenarios, cars, spawn)
+            return process.answers
+
+        yield made
+
+
+def _kept_state(exam: Exam, name: str, block: EpisodeBlock, drivers: Callable[[int], Answers], log: Path) -> str:
+    """Return, in words, that the system keeps state from one episode to the next; "" if it is not seen to.
+
+    With the first pedestrian half of the episodes are driven again: in reverse order, and by drivers of which each
+    drives several. They have to come out the same to the bit.
+    """
+    if not exam.config.check_state or name != exam.config.opponents[0] or len(block) < 2:
+        return ""
+    keys = block.keys[:: -2 if len(block) > 2 else -1]
+    cars = 1 if exam.driver else len(keys) // 2
+    again = DrivenLoop(loop_with(exam, name, "external", keys, cars), drivers(cars), exam.perception, log)
+    found = block_of_ticks(again.ticks(lambda _: None), exam.scenarios).without(again.lost).motions()
+    before = block.motions()
+    other = [f"{key[0]}:{key[1]}" for key in sorted(keys) if found.get(key) != before[key]]
+    if not other:
+        return ""
+    return (
+        f"the ADS keeps state from one episode to the next, or draws random numbers of its own: {len(other)} of "
+        f"{len(keys)} episodes, such as {other[0]}, came out differently when it drove them again after others; "
+        "reset has to clear all state (ads_test.check_state)"
+    )
 
 
 def _recorded(steps: Iterable[Step], lost: Collection[Key]) -> Iterator[Step]:
@@ -142,12 +169,20 @@ class DrivenLoop:
     :param answers: of the driving system, for each car.
     :param perception: errors of what is published of pedestrians; None: the drivers have their odometry.
     :param log: where the traceback of a driver that raises is written.
+    :param cars: the car of each episode; None: one car in each slot, which drives several episodes in turn.
     :ivar refused: number of answers that were no commands.
     :ivar lost: episode -> when and why it was lost, in words.
     """
 
-    def __init__(self, loop: Loop, answers: Answers, perception: PerceptionConfig | None, log: Path) -> None:
-        self._loop, self._ask, self._perception, self._log = loop, answers, perception, log
+    def __init__(
+        self,
+        loop: Loop,
+        answers: Answers,
+        perception: PerceptionConfig | None,
+        log: Path,
+        cars: Mapping[Key, int] | None = None,
+    ) -> None:
+        self._loop, self._ask, self._perception, self._log, self._cars = loop, answers, perception, log, cars
         self._period, self._most = loop.world.config.tick, loop.world.config.pedestrians
         self._parked = parked_from(loop.world.scenarios)
         self._memory = blank(len(loop.world.state), perception, self._period) if perception else None
@@ -209,7 +244,7 @@ class DrivenLoop:
         frame = int(state["frame"][0])
         seed = int(np.random.SeedSequence([self._loop.world.seed, *key]).generate_state(1)[0]) if frame == 0 else 0
         return Scene(
-            car=rows.start // self._most,
+            car=self._cars[key] if self._cars else rows.start // self._most,
             begins=(*key, seed) if frame == 0 else None,
             time=frame * self._period,
             state=state,
