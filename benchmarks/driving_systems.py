@@ -22,9 +22,8 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.exam.conduct_exam import run_exam
-from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
+from vpsci_ros.exam.conduct import run_exam
+from vpsci_ros.exam.exam import ADS, BASELINE, prepare, title_of
 from vpsci_ros.exam.measures import EPISODES
 from vpsci_ros.exam.report import differences
 from vpsci_ros.exam.scores import MEASURES, estimate

@@ -17,13 +17,11 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.data.episode import ALONE
 from vpsci_ros.evaluation.statistics import share
-from vpsci_ros.exam.conduct_exam import timed_runs
-from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.exam_config import TIMINGS, title_of
-from vpsci_ros.exam.in_process import autopilot_run
+from vpsci_ros.exam.conduct import timed_runs
+from vpsci_ros.exam.exam import ALONE, TIMINGS, Exam, prepare, title_of
 from vpsci_ros.exam.measures import arrival, episode_table
+from vpsci_ros.exam.run import autopilot_run
 from vpsci_ros.policy.policy_config import LEARNED
 from vpsci_ros.resources import params_path
 

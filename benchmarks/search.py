@@ -24,9 +24,8 @@ from vpsci_ros.cli.options import read_sections
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.exam_config import MOVING
-from vpsci_ros.exam.in_process import loop_with
+from vpsci_ros.exam.exam import MOVING, Exam, prepare
+from vpsci_ros.exam.run import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import lessons
 from vpsci_ros.extras.exam_extra.search.search_exam import plain
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from vpsci_ros.exam.driver_class import Answers, Cockpit, find_driver
+from vpsci_ros.exam.drivers import Answers, Cockpit
+from vpsci_ros.exam.process import find_driver
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import Scenario
 
@@ -23,7 +24,7 @@ class Careless:
 
 
 class WithoutProcess:
-    """What `vpsci_ros.exam.class_process` yields, without a process."""
+    """What `vpsci_ros.exam.process` yields, without a process."""
 
     answers: Answers
 
@@ -47,6 +48,6 @@ def class_in_process() -> Iterator[None]:
         return {path.name: sha256(path)}
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vpsci_ros.exam.in_process.class_process", without_process)
+        patch.setattr("vpsci_ros.exam.run.class_process", without_process)
         patch.setattr("vpsci_ros.exam.exam.files_of_class", files)
         yield

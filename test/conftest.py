@@ -208,7 +208,7 @@ def forked_classes(fork_server: ForkServer) -> Callable[[], contextlib.AbstractC
     @contextlib.contextmanager
     def forked() -> Iterator[None]:
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr("vpsci_ros.exam.class_process.ChildProcess", partial(ForkedProcess, fork_server))
+            patched.setattr("vpsci_ros.exam.process.ChildProcess", partial(ForkedProcess, fork_server))
             yield
 
     return forked

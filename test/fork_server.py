@@ -23,7 +23,7 @@ from vpsci_ros.runs.processes import ChildProcess
 LARGEST = 2**18  # [bytes] of a request: the arguments of a process and its environment
 PRELOADED = (
     *("nodes.node_config", "nodes.convert", "nodes.failures"),
-    *("bags.ticks", "exam.class_process", "policy.agent", "world.loop", "world.perception"),
+    *("bags.ticks", "exam.process", "policy.agent", "world.loop", "world.perception"),
 )
 PR_SET_PDEATHSIG = 1
 

@@ -71,12 +71,16 @@ def test_the_package_imports_none_of_its_rooms_and_touches_no_file(tmp_path: Pat
 
 
 def test_what_runs_an_exam_knows_neither_its_report_nor_pages_environments_and_nodes() -> None:
-    runner = [ROOT / "exam" / f"{name}.py" for name in ("exam", "class_process", "driver_class", "in_process")]
+    runner = [ROOT / "exam" / f"{name}.py" for name in ("exam", "run", "drivers", "process")]
     trees = {path.name: ast.parse(path.read_text(encoding="utf-8")) for path in runner}
     above = ("vpsci_ros.exam.report", "vpsci_ros.view", "vpsci_ros.envs", "vpsci_ros.nodes")
     arrows = [(name, module) for name, tree in trees.items()
               for node in at_import(tree) for _, module in imported(node) if module.startswith(above)]  # fmt: skip
-    assert arrows == [("driver_class.py", "vpsci_ros.envs.task")], "of the driver's own observation, on its demand"
+    assert arrows == [
+        ("run.py", "vpsci_ros.nodes.failures"),
+        ("run.py", "vpsci_ros.nodes.status"),
+        ("drivers.py", "vpsci_ros.envs.task"),
+    ], "the last one of the driver's own observation, on its demand"
 
 
 WATCH = """

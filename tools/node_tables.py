@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy
 from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, INDEX_COLUMNS, TABLE_7
 from vpsci_ros.data.parquet import Column
-from vpsci_ros.exam.exam_config import ExamConfig
+from vpsci_ros.exam.exam import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
 from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig

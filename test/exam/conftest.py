@@ -9,7 +9,7 @@ import pytest
 from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.resources import params_dir
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.class_process import class_process, files_of_class
-from vpsci_ros.exam.driver_class import Answer, Scene, find_driver
+from vpsci_ros.exam.drivers import Answer, Scene
+from vpsci_ros.exam.process import class_process, files_of_class, find_driver
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import World, WorldConfig, load_scenario
 

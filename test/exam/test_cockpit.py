@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.driver_class import Begin, Cockpit, Observation, Scene, command_of_answer
+from vpsci_ros.exam.drivers import Begin, Cockpit, Observation, Scene, command_of_answer
 from vpsci_ros.world import World, WorldConfig, load_scenario
 
 

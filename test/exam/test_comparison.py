@@ -21,10 +21,9 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.comparison import Earlier, compare, failing
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.criteria import check, parse
-from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.exam_config import ADS
+from vpsci_ros.exam.exam import ADS, Exam, prepare
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import _plain, write_summary
 from vpsci_ros.exam.measures import COLUMNS

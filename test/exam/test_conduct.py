@@ -9,12 +9,11 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.dataset_reader import FRAMES
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.exam import in_graph
+from vpsci_ros.exam import run as one_run
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.in_graph import block_of_bag, unanswered_in
-from vpsci_ros.exam.result import Conduct, read_result, run_folder
+from vpsci_ros.exam.result import FRAMES, Conduct, read_result, run_folder
+from vpsci_ros.exam.run import block_of_bag, unanswered_in
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
@@ -44,9 +43,9 @@ def ended(exam: Exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
             return GraphResult(folder, error=found[0] or error, nodes=statuses)
 
         monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
-        monkeypatch.setattr(in_graph, "DYING", 0.0)
+        monkeypatch.setattr(one_run, "DYING", 0.0)
         (tmp_path / "run").mkdir()
-        in_graph.run_in_graph(exam, "walker", tmp_path / "run", tmp_path / "log", quiet=True)
+        one_run.run_in_graph(exam, "walker", tmp_path / "run", tmp_path / "log", quiet=True)
         assert (tmp_path / "run" / FRAMES).is_file(), "a failed run leaves its result, too"
         return found[0]
 
@@ -96,12 +95,12 @@ def test_the_bag_of_a_run_is_checked_once_and_opened_anew_only_after_a_failure(
     monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
     with monkeypatch.context() as patch:
         patch.setattr("vpsci_ros.bags.mcap_file._checksum", no_checksum)
-        in_graph.run_in_graph(exam, "walker", run, tmp_path / "log", quiet=True)
+        one_run.run_in_graph(exam, "walker", run, tmp_path / "log", quiet=True)
     whole = read_result(tmp_path, "walker")
     assert [episode.name for episode in whole.episodes] == ["1:0", "1:2", "6:4"]
     assert whole.conduct == Conduct(3)
     monkeypatch.setattr(recording, "files", [])  # not to be read
-    in_graph.run_in_graph(exam, "walker", run, tmp_path / "log", quiet=True)
+    one_run.run_in_graph(exam, "walker", run, tmp_path / "log", quiet=True)
     failed = read_result(tmp_path, "walker")
     assert [episode.listed for episode in failed.episodes] == [episode.listed for episode in whole.episodes]
     assert failed.conduct.failure == "walker, does not react: the ADS ended"

@@ -8,13 +8,11 @@ import pytest
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode_block import ended_episodes
-from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.exam_config import ExamConfig
-from vpsci_ros.exam.in_graph import block_of_bag
-from vpsci_ros.exam.in_process import autopilot_run
+from vpsci_ros.exam.exam import ExamConfig, prepare
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
 from vpsci_ros.exam.result import Conduct, FirstCritical, RunResult, first_critical
+from vpsci_ros.exam.run import autopilot_run, block_of_bag
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios

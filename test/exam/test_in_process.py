@@ -14,17 +14,16 @@ import pytest
 
 from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
+from vpsci_ros.data.dataset_reader import EpisodeFile
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam import in_process
-from vpsci_ros.exam.conduct import is_done, run_with
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam import run
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.result import read_result
-from vpsci_ros.exam.view import read_exam
+from vpsci_ros.exam.result import FRAMES, read_result
+from vpsci_ros.exam.run import is_done, run_with
+from vpsci_ros.exam.view import open_exam, read_exam
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.workers import ThisMachine
-from vpsci_ros.view.episode_sources import open_source
 
 Write = Callable[[str], str]
 Small = Callable[..., Exam]
@@ -59,7 +58,7 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     assert [episode.name for episode in whole] == ["1:0", "1:1", "104:0", "104:1"]
     assert not list(driven.rglob("*.mcap"))
     run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True)
-    monkeypatch.setattr(in_process, "SIDE_BY_SIDE", 3)
+    monkeypatch.setattr(run, "SIDE_BY_SIDE", 3)
     run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True)
     alone, three = (read_result(tmp_path / name, "walker").episodes for name in ("alone", "three"))
     bag = tmp_path / "alone" / "runs" / "walker" / "1" / "bag"
@@ -84,7 +83,7 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(
     assert identity["ads_files_sha256"].keys() == {"example_driver.py"}
     assert f"Exam of {EXAMPLE}" in (folder / "report.html").read_text()
     assert {source.key for source in read_exam(folder, 9)} == {"ads-learned", "ads-walker"}
-    source = open_source(folder)
+    source = open_exam(folder)
     names = ["1:0", "1:1", "104:0", "104:1"]
     assert [one.name for one in source.listed] == [f"{run}/{name}" for run in ("learned", "walker") for name in names]
     assert next(source.read(["walker/104:1"])).scenario is not None

@@ -9,7 +9,7 @@ import pytest
 
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam_config import ExamConfig
+from vpsci_ros.exam.exam import ExamConfig
 from vpsci_ros.exam.measures import episode_table, worst_first
 from vpsci_ros.exam.report import make_report, value_of
 from vpsci_ros.exam.result import Conduct, RunResult

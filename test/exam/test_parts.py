@@ -12,10 +12,8 @@ import pytest
 from vpsci_ros.documents import read_json
 from vpsci_ros.exam import conduct
 from vpsci_ros.exam import exam as exam_module
-from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.conduct_exam import timed_runs
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.exam_config import ADS
+from vpsci_ros.exam.conduct import run_with_all, timed_runs
+from vpsci_ros.exam.exam import ADS, Exam
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.result import Conduct, RunResult, label_of
 from vpsci_ros.exam.view import stored_episodes
@@ -59,13 +57,13 @@ class Backwards:
 
     size, spare = 4, 1
 
-    def __init__(self, job: Callable[[], Callable[[conduct.TimedRun], None]]) -> None:
-        self._do, self._units = job(), list[conduct.TimedRun]()
+    def __init__(self, job: Callable[[], Callable[[conduct.Run], None]]) -> None:
+        self._do, self._units = job(), list[conduct.Run]()
 
-    def submit(self, unit: conduct.TimedRun) -> None:
+    def submit(self, unit: conduct.Run) -> None:
         self._units.append(unit)
 
-    def collect(self) -> list[tuple[conduct.TimedRun, None]]:
+    def collect(self) -> list[tuple[conduct.Run, None]]:
         unit = self._units.pop()
         return [(unit, self._do(unit))]
 
@@ -100,9 +98,9 @@ def test_the_workers_of_the_empty_road_drive_the_pedestrians_too(
     small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Timing comes between the two, and travels with each run: workers whose job had it would have to start anew."""
-    started: list[Serial[conduct.TimedRun, None]] = []
+    started: list[Serial[conduct.Run, None]] = []
 
-    def serial(job: Callable[[], Callable[[conduct.TimedRun], None]], _: int) -> Serial[conduct.TimedRun, None]:
+    def serial(job: Callable[[], Callable[[conduct.Run], None]], _: int) -> Serial[conduct.Run, None]:
         started.append(Serial(job))
         return started[-1]
 

@@ -49,7 +49,7 @@ def test_a_process_that_ends_tells_how_and_what_it_said_last(tmp_path):
 
 def test_a_process_is_gone_afterwards_with_its_children_even_if_it_ignores_signals(tmp_path, monkeypatch):
     hurried = [(number, 0.2) for number, _ in STEPS]
-    monkeypatch.setattr("vpsci_ros.exam.process.stop", lambda processes: stop(processes, hurried))
+    monkeypatch.setattr("vpsci_ros.exam.process.stop", lambda processes, _: stop(processes, hurried))
     script = (
         "import signal, subprocess, sys, time; signal.signal(signal.SIGINT, signal.SIG_IGN);"
         "signal.signal(signal.SIGTERM, signal.SIG_IGN);"

@@ -11,7 +11,7 @@ from exam.test_measures import CONFIG, drive
 
 from vpsci_ros.exam.comparison import Earlier, compare
 from vpsci_ros.exam.criteria import check, parse, sentence
-from vpsci_ros.exam.exam_config import DRIVERS, ExamConfig
+from vpsci_ros.exam.exam import DRIVERS, ExamConfig
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import make_report
 from vpsci_ros.exam.report_page import must_see, write_page

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.episode import ALONE
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.exam.conduct_exam import timed_runs
-from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.conduct import timed_runs
+from vpsci_ros.exam.exam import ALONE, Exam, prepare
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.recorded_people import recorded_people
 from vpsci_ros.exam.timing import BOUND, TIMING, Timing, not_met, read_timing, sentence, summary

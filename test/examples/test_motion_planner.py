@@ -14,8 +14,8 @@ pytest.importorskip("fiss_planner", reason="needs fiss-planner (extra: planner)"
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.process import running
+from vpsci_ros.exam.run import autopilot_run
 from vpsci_ros.nodes.convert import objects_message
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve

@@ -19,9 +19,9 @@ pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.envs.right_turn import RightTurnEnv
-from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.result import Conduct, read_result
+from vpsci_ros.exam.run import run_with
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir

@@ -13,7 +13,7 @@ from extending.page import Install, example, midblock
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.view import read_exam
 from vpsci_ros.generate.job import job_from

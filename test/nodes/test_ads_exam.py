@@ -11,10 +11,10 @@ from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import run_with
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.result import read_result
+from vpsci_ros.exam.run import run_with
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.run_config import Sections
 

@@ -20,10 +20,10 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.result import Conduct, read_result
+from vpsci_ros.exam.run import run_with
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor

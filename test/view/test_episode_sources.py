@@ -14,10 +14,12 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import write_episodes
-from vpsci_ros.data.dataset_reader import FRAMES, Dataset
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.result import FRAMES
+from vpsci_ros.exam.view import open_exam
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 
 
@@ -83,9 +85,9 @@ def test_an_exams_episodes_are_named_by_pedestrian_in_each_part_and_those_withou
     write_run(exam / "runs" / "learned" / "1" / FRAMES, own_bag, without=[(1, 2), (6, 4)])
     write_run(exam / "runs" / "learned" / "2" / FRAMES, own_bag, without=[(1, 0)])
     shutil.copytree(exam / "runs" / "learned" / "2", exam / "runs" / "learned" / "2 (copy)")
-    names = [one.name for one in read_episodes(exam)]
+    names = [one.name for one in open_exam(exam).read()]
     assert names == [f"{run}/{name}" for run in ("learned", "walker") for name in ("1:0", "1:2", "6:4")]
-    assert [one.label for one in read_episodes(exam, ["walker/6:4"])] == ["walker_LocationB_PedCross_N-S_000004"]
+    assert [one.label for one in open_exam(exam).read(["walker/6:4"])] == ["walker_LocationB_PedCross_N-S_000004"]
 
 
 @pytest.mark.parametrize("wanted", [["6:4"], ["4"], ["LocationB_PedCross_N-S_000004"]])

@@ -115,7 +115,7 @@ def ads_test(
     the empty road; 2 bad input.
     """
     from vpsci_ros.exam.comparison import compared_with
-    from vpsci_ros.exam.conduct_exam import REPORT, run_exam
+    from vpsci_ros.exam.conduct import REPORT, run_exam
     from vpsci_ros.exam.exam import identity_of, prepare
     from vpsci_ros.exam.power import needed
 

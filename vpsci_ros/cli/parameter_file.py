@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam_config import ExamConfig
+from vpsci_ros.exam.exam import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
 from vpsci_ros.nodes.node_config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import EVERY_NODE, check_sections, read_parameter_file, refuse_unknown, table

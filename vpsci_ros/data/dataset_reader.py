@@ -232,17 +232,6 @@ def _pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[Key, int, int, int
         yield key, begin, end, people
 
 
-EXAM = "exam.json"  # what an exam is, in its folder
-FRAMES = "frames.parquet"  # of a run of an exam
-
-
-def exam_runs(folder: Path) -> list[tuple[str, Path]]:
-    """Return pedestrian and file of each run in an exam's folder, by name and part."""
-    paths = (path for path in folder.glob(f"runs/*/*/{FRAMES}") if path.parts[-2].isdecimal())  # no copy of one
-    ordered = sorted(paths, key=lambda path: (path.parts[-3], int(path.parts[-2])))
-    return [(path.parts[-3], path) for path in ordered]
-
-
 class EpisodeFile:
     """Simulated episodes in one Parquet file, as `write_episodes` writes it.
 

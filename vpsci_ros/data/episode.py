@@ -1,7 +1,7 @@
 """An episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets.
 
 `Episode` is the type for work on single episodes. Datasets, exams and exported bags store them in one table,
-`dataset_tables.EPISODE_COLUMNS`. `view.episode_sources.read_episodes` reads near-miss tables, datasets, bags and exams.
+`dataset_tables.EPISODE_COLUMNS`. `view.episode_sources.read_episodes` reads near-miss tables, datasets and bags.
 Values that were not observed are NaN; `filled` replaces these.
 """
 
@@ -19,7 +19,6 @@ from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 
 Floats = NDArray[np.float64]
 Key = tuple[int, int]  # number of the scenario, number of the episode within it
-ALONE = "alone"  # of an exam's runs the one on the empty road, the reference of the time lost
 RECORDED = "recorded"  # outcome of an interaction of real people, whose end nobody classified
 YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielded`
 STANDING = 1e-3  # [m/s] below which a velocity has no direction

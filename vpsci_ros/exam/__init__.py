@@ -2,16 +2,13 @@
 
 In reading order:
 
-* `exam`: the prepared exam: driving system, episodes and pedestrians, checked before anything runs
-* `exam_config`: the configuration of an exam: driving system, pedestrians and criteria
-* `conduct_exam`: the exam of a driving system: running, scoring and reporting it
-* `conduct`: the runs of an exam: the driving system drives the same episodes with each pedestrian
-* `in_process`: a run of an exam without ROS, with a Python class
-* `class_process`: a driving system's class in its own process, so that its crashes do not end the exam
-* `driver_class`: a driving system as a Python class: finding it, its observations, and its commands
-* `in_graph`: a run of an exam through the graph of nodes, for a driving system that is a ROS program, and its result
-* `process`: the driving system under test as a process: started with a command line, watched, and stopped
+* `exam`: what is asked: parameters, driving system, episodes and pedestrians, read and checked before any run
+* `conduct`: the order of an exam's runs, and the exam from its first run to its report
+* `run`: one run: the driving system meets one pedestrian, in the graph of nodes or in the loop
+* `drivers`: who drives: the messages between exam and driving system, the check of its answers, the loop
+* `process`: the process of a driving system: a program, or a class that answers there
 * `recorded_people`: pedestrians with given motion in the episodes of a run: recordings, or absent pedestrians
+* `timing`: the times at which an exam's pedestrians set out: for the driving system's own approach
 * `travel`: an exam on another machine: the user's files that go with it
 * `result`: the result of a run of an exam: its episodes, whatever the driving system was, and how the run went
 * `measures`: the table of an exam's episodes: a row for each driver, pedestrian and episode, with all measures
@@ -24,5 +21,4 @@ In reading order:
 * `view`: an exam's episodes for the page that plays them: the driving system beside the autopilot
 * `markdown`: the verdict of an exam as Markdown for a merge request (summary.md)
 * `junit`: the verdict of an exam as JUnit XML (junit.xml), for continuous integration
-* `timing`: the times at which an exam's pedestrians set out: for the driving system's own approach
 """

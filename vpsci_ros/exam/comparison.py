@@ -6,12 +6,10 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.exam_config import ADS
+from vpsci_ros.exam.exam import ADS, EXAM, Exam
 from vpsci_ros.exam.measures import EPISODES, read_episode_table
 from vpsci_ros.exam.report import FAILED_BEFORE, as_dict, differences, rows_of
 from vpsci_ros.runs.identity import require_same

@@ -1,59 +1,156 @@
-"""The runs of an exam: the driving system drives the same episodes with each pedestrian.
+"""The order of an exam's runs, and the exam from its first run to its report.
 
-A driving system drives through the graph of nodes, one episode at a time (`in_graph`), or answers through the loop,
-many side by side (`in_process`). Many episodes are driven in parts, each a run of its own, by workers side by side
-where there are several. Each run leaves a record and its result (`result`).
+The driving system drives the empty road, then the same episodes with each pedestrian. Many episodes are driven in
+parts, each a run of its own (`run`), by workers side by side where there are several.
+
+In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN/PART (its record, and
+its episodes in frames.parquet), logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json,
+report.html, summary.md, junit.xml, pictures, and view.html, in which the episodes play. The same command resumes a
+stopped exam: it reads the finished runs of the driving system, and runs the others and the baseline.
 """
 
 import contextlib
 import dataclasses
-import hashlib
 import json
-import os
 import shutil
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from vpsci_ros.exam.exam import Exam, HeadStarts, identity_of
-from vpsci_ros.exam.exam_config import EXTERNAL, title_of
-from vpsci_ros.exam.in_graph import domain_of, run_in_graph
-from vpsci_ros.exam.in_process import run_in_process
+import polars as pl
+
+from vpsci_ros.data.parquet import write_parquet
+from vpsci_ros.exam.comparison import compare, compared_with, failing
+from vpsci_ros.exam.criteria import check, parse, sentence
+from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, OWN_TIMING, Exam, HeadStarts, identity_of, take_folder, title_of
+from vpsci_ros.exam.junit import write_junit
+from vpsci_ros.exam.markdown import write_summary
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
+from vpsci_ros.exam.report import make_report, standing
+from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
+from vpsci_ros.exam.run import autopilot_run, domain_of, exam_digest, is_done, run_with
+from vpsci_ros.exam.timing import Timing, head_starts, not_met, summary, timing_of
 from vpsci_ros.exam.travel import arrived, files_to_take
-from vpsci_ros.runs.journal import finished, write_item_record
+from vpsci_ros.exam.view import autopilot_file, exam_sources
+from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import Bars
-from vpsci_ros.runs.record import RUN_RECORD, read_record
-from vpsci_ros.runs.workers import HERE, Place, Site, Work, Workers, computed
+from vpsci_ros.runs.workers import HERE, Place, Site, Work, Workers, computed, mixed
+from vpsci_ros.view.pack import LIMIT
+from vpsci_ros.view.view_page import write_view
 
-RESULT = "result.json"  # what a finished run is, and the hash of each of its files
+VIEW, REPORT = "view.html", "report.html"
+
+
+def run_exam(
+    exam: Exam,
+    folder: Path,
+    criteria: Sequence[str] = (),
+    *,
+    workers: Site = HERE,
+    against: Path | None = None,
+    quiet: bool = False,
+) -> list[str]:
+    """Run the exam, write and print its report, and return the reasons for failing; empty if it is passed.
+
+    :param criteria: as for --fail-if, in addition to those of the parameters.
+    :param workers: where the runs are driven.
+    :param against: folder of an earlier exam to compare with.
+    :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
+    :raises VpsciError: a node has failed.
+    """
+    pedestrians = exam.config.opponents
+    understood = partial(parse, opponents=pedestrians, compared=against is not None)
+    parsed = [understood(text) for text in (*exam.config.fail_if, *criteria)]
+    identity = identity_of(exam) | mixed(workers)
+    earlier = None if against is None else compared_with(exam, identity, against)
+    take_folder(folder, identity)
+
+    driven, timing = timed_runs(exam, folder, workers=workers, against=against, quiet=quiet)
+    runs = {ADS: driven}
+    if exam.config.baseline:
+        (folder / BASELINE).mkdir(exist_ok=True)
+        runs[BASELINE] = {name: autopilot_run(exam, name, autopilot_file(folder, name)) for name in pedestrians}
+        runs[BASELINE][ALONE] = autopilot_run(exam, ALONE)
+    table = pl.concat(_rows(exam, driver, runs[driver], timing if driver == ADS else {}) for driver in runs)
+    report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
+    report["timing"] = summary(timing, table) if timing else None
+    if earlier is not None:
+        report["against"] = compare(table, earlier, exam)
+    verdicts = check(parsed, report, pedestrians)
+    failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
+    stands = standing(report)
+    failures += [] if exam.config.allow_standing else [stands] if stands else not_met(report)
+    failures += [sentence(verdict) for verdict in verdicts if verdict["failed"]]
+    report = {"exam": identity, "failures": failures, "criteria": verdicts} | report
+
+    write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
+    write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
+    view = VIEW if report["drivers"].get(ADS) else ""
+    episodes = {driver: {name: run.episodes for name, run in found.items()} for driver, found in runs.items()}
+    if view:
+        sources = exam_sources(table, episodes, LIMIT, report["failure"])
+        write_view(folder / view, sources, f"Exam of {exam.config.examined}")
+    write_page(folder / REPORT, report, table, episodes[ADS], view)
+    listed = failing(report, table)
+    write_summary(folder, report, listed, view)
+    write_junit(folder, report, listed)
+    print_report(report, folder / REPORT)
+    return failures
+
+
+def timed_runs(
+    exam: Exam, folder: Path, *, workers: Site = HERE, against: Path | None = None, quiet: bool
+) -> tuple[dict[str, RunResult], Timing]:
+    """Return the driving system's result on the empty road and with each pedestrian, and how episodes were timed.
+
+    :param against: folder of an earlier exam, whose timing is taken where it is nearly the same.
+    :raises VpsciError: a node has failed.
+    """
+    with drives(exam, folder, workers=workers, most=len(exam.config.opponents), quiet=quiet) as drive:
+        if exam.person:
+            return drive(exam.config.opponents, {}), {}
+        runs = drive([ALONE], {})
+        timing: Timing = {}
+        if not runs[ALONE].episodes:
+            return runs, timing
+        if exam.config.timing == OWN_TIMING:
+            timing = timing_of(exam, runs[ALONE].episodes, folder, against)
+        return runs | drive(exam.config.opponents, head_starts(timing)), timing
+
+
+def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult], timing: Timing) -> pl.DataFrame:
+    """Return the table of a driver's episodes; the baseline's episodes on the empty road only serve as a reference."""
+    names = [name for name in runs if driver == ADS or name != ALONE]
+    alone = runs[ALONE].episodes if ALONE in runs else []
+    return pl.concat(
+        episode_table(
+            runs[name],
+            alone,
+            driver=driver,
+            pedestrian=name,
+            reach=exam.reach(name),
+            timing={} if name == ALONE else timing,
+        )
+        for name in names
+    )
 
 
 class Run(NamedTuple):
-    """A run of the driving system: with one pedestrian, on the episodes of one part of the exam."""
+    """A run of the driving system: with one pedestrian, on the episodes of one part of the exam.
 
-    pedestrian: str
-    part: int
-
-    def __str__(self) -> str:
-        return label_of(self.pedestrian, self.part)
-
-
-class TimedRun(NamedTuple):
-    """A run with the timing of its pedestrians, which is known only after the run on the empty road.
-
-    :ivar head_starts: of its episodes.
+    :ivar head_starts: of its episodes, which are known only after the run on the empty road.
     :ivar title: label of the run in the progress; empty: the run is quiet.
     """
 
-    run: Run
+    pedestrian: str
+    part: int
     head_starts: HeadStarts
     title: str
 
     def __str__(self) -> str:
-        return str(self.run)
+        return label_of(self.pedestrian, self.part)
 
 
 DriveWith = Callable[[Sequence[str], HeadStarts], dict[str, RunResult]]
@@ -95,100 +192,56 @@ def _driven(
     parts: Sequence[Exam],
     folder: Path,
     site: Site,
-    pool: Callable[[], Workers[TimedRun, None]],
+    pool: Callable[[], Workers[Run, None]],
     quiet: bool,
     what: str,
     pedestrians: Sequence[str],
     head_starts: HeadStarts,
 ) -> dict[str, RunResult]:
     """Return the driving system's result with each pedestrian, see `drives`."""
-    own = [dataclasses.replace(part, head_starts=_of(part, head_starts)) for part in parts]
-    runs = [Run(name, number) for name in pedestrians for number in range(len(own))]
-    waiting, found = iter(enumerate(runs, 1)), dict[Run, RunResult]()
+    timed = [{key: head_starts[key] for key in part.episodes if key in head_starts} for part in parts]
+    own = [dataclasses.replace(part, head_starts=starts) for part, starts in zip(parts, timed, strict=True)]
+    runs = [(name, number) for name in pedestrians for number in range(len(own))]
+    waiting, found = iter(enumerate(runs, 1)), dict[tuple[str, int], RunResult]()
 
-    def take(run: Run) -> None:
-        found[run] = read_result(folder, run.pedestrian, run.part)
-
-    def following() -> TimedRun | None:
+    def following() -> Run | None:
         while all(result.episodes for result in found.values()) and (numbered := next(waiting, None)):
-            number, run = numbered
-            if not is_done(own[run.part], folder, run.pedestrian):
-                shutil.rmtree(run_folder(folder, run.pedestrian, run.part), ignore_errors=True)
-                title = f"{what}{number} of {len(runs)}" if site.alone and not quiet else ""
-                return TimedRun(run, own[run.part].head_starts, title)
-            take(run)
+            number, (name, part) = numbered
+            if not is_done(own[part], folder, name):
+                shutil.rmtree(run_folder(folder, name, part), ignore_errors=True)
+                return Run(name, part, timed[part], f"{what}{number} of {len(runs)}" * (site.alone and not quiet))
+            found[name, part] = read_result(folder, name, part)
         return None
 
     todo = list(filter(None, [following()]))
     if todo:
         units = computed(pool(), lambda: todo.pop() if todo else following(), ahead=False)
         with Bars(quiet=quiet or site.alone, where=site.hosts) as bars:
-            for timed, _ in units:
-                take(timed.run)
-                done = sum(own[each.part].run.total for each in found)
+            for run, _ in units:
+                found[run.pedestrian, run.part] = read_result(folder, run.pedestrian, run.part)
+                done = sum(own[part].run.total for _, part in found)
                 wanted = sum(part.run.total for part in own) * len(pedestrians)
-                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(timed.run.pedestrian)}")
+                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
                 bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
     empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
-    taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
+    taken = {name: [found[run] for run in runs[: empty + 1] if run[0] == name] for name in pedestrians}
     most = sum(len(part.episodes) for part in own)
     return {name: merged_results(results, most) for name, results in taken.items() if results}
 
 
-def _of(part: Exam, head_starts: HeadStarts) -> HeadStarts:
-    return {key: head_starts[key] for key in part.episodes if key in head_starts}
-
-
-def conductor(parts: Sequence[Exam], digests: Sequence[str], place: Place) -> Callable[[TimedRun], None]:
+def conductor(parts: Sequence[Exam], digests: Sequence[str], place: Place) -> Callable[[Run], None]:
     """Return a function that does a `Run`, one part of an exam with one pedestrian, whose result is in its files.
 
     :param digests: `exam_digest` of each part, where the exam was prepared.
     """
     own = [arrived(part, place) for part in parts]
 
-    def conduct(timed: TimedRun) -> None:
-        run = timed.run
-        exam, digest = dataclasses.replace(own[run.part], head_starts=timed.head_starts), digests[run.part]
+    def conduct(run: Run) -> None:
+        exam, digest = dataclasses.replace(own[run.part], head_starts=run.head_starts), digests[run.part]
         with domain_of(exam):
-            run_with(exam, run.pedestrian, place.folder, timed.title, quiet=not timed.title, digest=digest)
+            run_with(exam, run.pedestrian, place.folder, run.title, quiet=not run.title, digest=digest)
 
     return conduct
-
-
-def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, digest: str = "") -> None:
-    """Run the driving system with one pedestrian in `folder`, unless the run is finished; see `read_result`.
-
-    :param which: label of the run in the progress.
-    :param digest: `exam_digest` of the exam; empty: that of this machine.
-    :raises VpsciError: a node has failed.
-    :raises KeyboardInterrupt: stopped on request.
-    """
-    run = run_folder(folder, name, exam.part)
-    if is_done(exam, folder, name):
-        return
-    if not quiet:
-        where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-        external = where if exam.config.examined == EXTERNAL and exam.driver is None else ""
-        print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
-    shutil.rmtree(run, ignore_errors=True)
-    for parent in (run.parent, folder / "logs"):
-        parent.mkdir(parents=True, exist_ok=True)
-    log = folder / "logs" / f"ads_{label_of(name, exam.part)}.log"
-    drive = run_in_process if exam.in_process else run_in_graph
-    drive(exam, name, run, log, quiet=quiet)
-    write_item_record(run / RESULT, run_identity(exam, name, digest))
-
-
-def run_identity(exam: Exam, name: str, digest: str = "") -> dict[str, Any]:
-    """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
-    starts = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes] if exam.head_starts else None
-    own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
-    return {**own, "head_starts": starts, "exam_sha256": digest or exam_digest(exam)}
-
-
-def exam_digest(exam: Exam) -> str:
-    """Return a SHA-256 of an exam's identity."""
-    return hashlib.sha256(json.dumps(identity_of(exam), sort_keys=True).encode()).hexdigest()
 
 
 def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
@@ -206,12 +259,3 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
     episodes = sorted((episode for result in results for episode in result.episodes), key=lambda episode: episode.key)
     unanswered = {key: count for result in results for key, count in result.unanswered.items()}
     return RunResult(episodes, conduct, unanswered)
-
-
-def is_done(exam: Exam, folder: Path, name: str) -> bool:
-    """Return whether `folder` has the exam's finished run with the pedestrian `name`, its files unchanged."""
-    run = run_folder(folder, name, exam.part)
-    record = read_record(run / RUN_RECORD)
-    if record is None or record["error"]:
-        return False
-    return finished(run / RESULT, run_identity(exam, name), "it is driven again") is not None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam_config import ADS, title_of
+from vpsci_ros.exam.exam import ADS, title_of
 from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
 from vpsci_ros.exam.scores import MEASURES, NO_CONTACT
 from vpsci_ros.policy.policy_config import LEARNED

@@ -1,29 +1,26 @@
-"""The prepared exam: driving system, episodes and pedestrians, checked before anything runs."""
+"""What is asked: an exam's parameters, driving system, episodes and pedestrians, read and checked before any run."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_reader import EXAM
-from vpsci_ros.data.episode import ALONE, Key
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.class_process import files_of_class
-from vpsci_ros.exam.driver_class import Driver
-from vpsci_ros.exam.exam_config import DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
-from vpsci_ros.exam.process import OWN, command_of, files_of
-from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
+from vpsci_ros.exam.drivers import Driver
+from vpsci_ros.exam.process import OWN, command_of, files_of, files_of_class
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
+from vpsci_ros.parameters import parameter
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
-from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.journal import claim
@@ -34,6 +31,116 @@ from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.perception import PerceptionConfig
 
+if TYPE_CHECKING:
+    import polars as pl
+
+    from vpsci_ros.exam.recorded_people import Motion
+
+EXAM = "exam.json"  # what an exam is, in its folder
+ALONE = "alone"  # of an exam's runs the one on the empty road, the reference of the time lost
+SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
+MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
+STANDS = 0.1  # [m/s] a vehicle slower than this stands
+HARD_BRAKING = 3.5  # [m/s2] just above the 3.4 with which most drivers are comfortable (AASHTO, Geometric Design)
+SILENT_TICKS = 20  # in a row without a usable command, after which an ADS has failed
+SURPLUS_LIMIT = 100  # commands a tick beyond the first one; an ADS that sends more floods, and has failed
+EXTERNAL = "external"  # an ADS that the user starts himself
+PERSON = "you"  # a person drives (`vpsci drive`)
+ADS, BASELINE = "ads", "autopilot"  # drivers of an exam: the system under test, and the autopilot beside it
+DRIVERS = {
+    LEARNED: "policy",
+    "recorded": "replay",
+    "walker": "autopilot",
+    "constant_velocity": "constant_velocity",
+    "social_force": "social_force",
+}
+"""Pedestrian -> the world's `pedestrian_driver`."""
+
+TITLES = {
+    LEARNED: "default pedestrian",
+    "recorded": "recorded pedestrian",
+    "walker": "walker, does not react",
+    "constant_velocity": "constant velocity",
+    "social_force": "social force",
+    ALONE: "empty road",
+}
+
+
+def added_pedestrians() -> tuple[str, ...]:
+    """Return the names of the agents that other installed Python packages add."""
+    return tuple(name for name in AGENT_TYPES.names() if name != LEARNED)
+
+
+def title_of(pedestrian: str) -> str:
+    """Return a pedestrian's title in reports."""
+    return TITLES.get(pedestrian, pedestrian)
+
+
+OWN_TIMING, AUTOPILOTS_TIMING = "own", "autopilot"
+TIMINGS = (OWN_TIMING, AUTOPILOTS_TIMING)
+FAILURES = ("moving_collision", "collision", "conflict", "severe_conflict")
+"""What counts as a failure: columns of the table of episodes."""
+
+
+@dataclass(frozen=True)
+class ExamConfig:
+    """The exam of a driving system: the system, the pedestrians and the criteria."""
+
+    ads: str = parameter("example_ads", "command that starts the driving system; external: you start it yourself")
+    ads_class: str = parameter("", "MODULE:CLASS of a driving system in Python; replaces `ads`")
+    pedestrians: list[str] = parameter(
+        [name for name in DRIVERS if name != "recorded"],
+        "pedestrians of the exam (docs/ads.md); also added agents (docs/extending.md)",
+    )
+    recorded: str = parameter(
+        "", "near misses to replay as one more pedestrian: right_turns, right_turns/dev, or a Parquet file"
+    )
+    perception: bool = parameter(
+        False, "true: pedestrians come on /perception/objects, with errors of perception, and not as odometry"
+    )
+    baseline: bool = parameter(True, "also drive the episodes with the rule-based autopilot, for comparison")
+    fail_if: list[str] = parameter([], "criteria that fail the exam; --fail-if adds criteria to these")
+    timing: str = parameter(
+        OWN_TIMING,
+        "own: pedestrians are timed to the system's drive on the empty road; autopilot: as drawn",
+        choices=TIMINGS,
+    )
+    allow_standing: bool = parameter(False, "true: as --allow-standing")
+    failure: str = parameter("moving_collision", "event that makes an episode a failure", choices=FAILURES)
+    bags: bool = parameter(
+        False, "also write bags of a system without ROS; the system then drives one episode at a time"
+    )
+    check_state: bool = parameter(
+        True, "fail a class or a program behind a socket that keeps state from one episode to the next (docs/ads.md)"
+    )
+
+    def __post_init__(self) -> None:
+        if not self.ads.strip():
+            raise InvalidInput("ads is empty; give the command that starts the driving system, or 'external'")
+        known = (*DRIVERS, *added_pedestrians())
+        if unknown := [name for name in self.pedestrians if name not in known]:
+            raise InvalidInput(f"pedestrians: unknown {unknown[0]!r}; expected {', '.join(known)}")
+        if len(set(self.pedestrians)) < len(self.pedestrians):
+            raise InvalidInput(f"pedestrians must be named once each, got {self.pedestrians}")
+        if not self.pedestrians and not self.recorded:
+            raise InvalidInput("pedestrians is empty; name at least one")
+        if "recorded" in self.pedestrians and not self.recorded:
+            raise InvalidInput(
+                "pedestrians holds recorded, but no recordings are given; set 'recorded' to a near-miss table"
+            )
+
+    @property
+    def examined(self) -> str:
+        """The driving system: a command, or MODULE:CLASS."""
+        return self.ads_class or self.ads
+
+    @property
+    def opponents(self) -> list[str]:
+        """The names of the exam's pedestrians, in the order of `DRIVERS`, then those that other packages add."""
+        names = {*self.pedestrians, *(["recorded"] if self.recorded else [])}
+        return [name for name in (*DRIVERS, *added_pedestrians()) if name in names]
+
+
 _CHECKED_AGAIN = ("fail_if", "failure", "allow_standing")  # parameters that may change when an exam is checked again
 SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
@@ -41,26 +148,37 @@ HeadStarts = Mapping[Key, tuple[float, float]]
 """(scenario, episode) -> head start of the pedestrians, and for how long they have walked straight on since [s]."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Exam:
-    """A prepared exam: the driving system and its episodes.
+    """An exam: the driving system and its episodes; no file is read after `prepare`.
 
     :ivar sections: parameters of all nodes, by section.
-    :ivar part: number of this part of an exam in several parts, from 0.
+    :ivar scenarios: those that `world_simulator.scenarios` names, in that order.
+    :ivar default: weights or bank of the default pedestrian, from the file `weights`.
+    :ivar people: the near misses whose pedestrians are replayed; None: none are.
+    :ivar hashes: SHA-256 of the file of `default` ("weights"), and of `people` ("recorded", else "").
     :ivar files: name -> SHA-256 of each file of the driving system.
+    :ivar part: number of this part of an exam in several parts, from 0.
     :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
         gets the log and the patience for an answer [s]. None: the system of `config` drives.
     :ivar head_starts: see `HeadStarts`; they come from `exam.timing`.
+    :ivar motions: pedestrian -> motion that is given, of pedestrians other than `recorded`.
     """
 
     sections: Sections
     config: ExamConfig
     run: RunConfig
     world: WorldConfig
+    scenarios: Sequence[Scenario]
+    default: Policy
+    weights: Path
+    people: "pl.DataFrame | None"
+    hashes: Mapping[str, str]
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
     driver: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
     head_starts: HeadStarts = dataclasses.field(default_factory=dict)
+    motions: "Mapping[str, Motion]" = dataclasses.field(default_factory=dict)
 
     @property
     def person(self) -> bool:
@@ -107,11 +225,6 @@ class Exam:
         return [dataclasses.replace(self.only(keys[k : k + most]), part=n) for n, k in starts]
 
     @property
-    def scenarios(self) -> list[Scenario]:
-        """The scenarios that `world_simulator.scenarios` names, in that order."""
-        return load_scenarios(self.run.scenarios, self.run.scenario_files)
-
-    @property
     def perception(self) -> PerceptionConfig | None:
         """Errors of the pedestrians' published data; None: the ADS gets exact odometry."""
         return self.sections.get(PerceptionConfig, "perception") if self.config.perception else None
@@ -121,16 +234,10 @@ class Exam:
         """Delay of the pedestrians' published data [s], in whole ticks; None: the ADS gets exact odometry."""
         return None if self.perception is None else self.perception.delay(self.world.tick) * self.world.tick
 
-    @property
-    def weights(self) -> Path:
-        """File of the default pedestrian's weights or bank."""
-        return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
-
     def reach(self, pedestrian: str) -> NDArray[np.float64] | None:
         """Return a pedestrian's quantiles of recorded onsets, float64[4, 5], see `onset_range`; None without a bank."""
-        config = self.sections.get(PolicyConfig, "pedestrian_policy")
-        policy = load_policy(self.weights) if pedestrian == LEARNED else None
-        return policy.of(config.people).reach if isinstance(policy, Bank) else None
+        known = pedestrian == LEARNED and isinstance(self.default, Bank)
+        return self.default.of(self.policy(LEARNED).people).reach if known else None  # type: ignore[union-attr]
 
     def policy(self, pedestrian: str) -> PolicyConfig:
         """Return the parameters of a pedestrian that acts from the hand-over on, by weights or by an added agent."""
@@ -150,26 +257,33 @@ class Exam:
             world = dataclasses.replace(world, head_starts=[float(number) for each in starts for number in each])
         return dataclasses.replace(world, pedestrian_driver=driver)
 
-    def motion(self, pedestrian: str) -> Motion:
-        """Return each episode's motion of a replayed pedestrian: a recorded one, or one far away (empty road)."""
-        if pedestrian == ALONE:
+    def motion(self, pedestrian: str) -> "Motion":
+        """Return each episode's motion of a replayed pedestrian: given, recorded, or far away (empty road)."""
+        from vpsci_ros.exam.recorded_people import absent_pedestrians, recorded_people
+
+        if pedestrian in self.motions:
+            return self.motions[pedestrian]
+        if pedestrian == ALONE or self.people is None:
             return absent_pedestrians(self.spawns())
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
-        people, seed = read_near_misses(path), self.run.seed
-        return recorded_people(people, self.spawns(), self.scenarios, world, seed, path, self.head_starts)
+        return recorded_people(self.people, self.spawns(), self.scenarios, world, self.run.seed, path, self.head_starts)
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
         """Return the states at the spawns of the exam's n episodes, EPISODE[n * P], with P pedestrians an episode."""
+        from vpsci_ros.exam.recorded_people import spawns
+
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
 def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: Site = HERE) -> Exam:
-    """Return the exam that the parameters describe, after all checks that are possible before a run.
+    """Return the exam that the parameters describe, with all files that it needs, after all checks before a run.
 
     :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
     :param workers: where the runs will be driven.
     :raises InvalidInput: a parameter, the command, the class, weights or recordings are refused.
     """
+    from vpsci_ros.data.near_misses import read_near_misses  # parameter files are read without it
+
     if ads is not None and ads_class is not None:
         raise InvalidInput("--ads and --ads-class exclude each other: a driving system is a program or a class")
     given: dict[str, Any] = {"ads": ads, "ads_class": ""} if ads is not None else {}
@@ -177,13 +291,12 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
     chosen = sections.changed("ads_test", given).changed("world_simulator", {"batch": 1})
     if "weights" not in chosen.values.get("pedestrian_policy", {}):
         chosen = chosen.changed("pedestrian_policy", {"weights": "people"})
-    config = chosen.get(ExamConfig, "ads_test")
+    config, simulator = chosen.get(ExamConfig, "ads_test"), chosen.get(SimulatorConfig, "world_simulator")
     run, world = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
-    exam = Exam(chosen, config, run, world)
     if config.ads_class:
-        require_lock_step(exam)
+        require_lock_step(simulator)
     if config.ads_class or config.baseline:
-        require_own(exam.simulator.engine, "a class and the autopilot (ads_test.baseline) drive")
+        require_own(simulator.engine, "a class and the autopilot (ads_test.baseline) drive")
     if not workers.alone and config.examined == EXTERNAL:
         raise InvalidInput(
             "a system that you start yourself (external) drives in one graph only, on this machine; leave --workers "
@@ -195,18 +308,33 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
             f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which lists all"
         )
     if config.recorded:
-        require_own(exam.simulator.engine, "recorded people are replayed")
-        read_near_misses(config.recorded)
-    _ = exam.reach(LEARNED), exam.scenarios
-    return dataclasses.replace(exam, files=driver_files(config))
+        require_own(simulator.engine, "recorded people are replayed")
+    weights = weights_path(chosen.get(PolicyConfig, "pedestrian_policy").weights)
+    exam = Exam(
+        chosen,
+        config,
+        run,
+        world,
+        load_scenarios(run.scenarios, run.scenario_files),
+        load_policy(weights),
+        weights,
+        read_near_misses(config.recorded) if config.recorded else None,
+        {
+            "weights": sha256(weights),
+            "recorded": sha256(near_misses_path(config.recorded)) if config.recorded else "",
+        },
+        driver_files(config),
+    )
+    exam.reach(LEARNED)  # refuses a source of reactions that the bank does not have
+    return exam
 
 
-def require_lock_step(exam: Exam) -> None:
+def require_lock_step(simulator: SimulatorConfig) -> None:
     """Refuse the real-time mode for a system that is called at every tick: the world always waits for its answer.
 
     :raises InvalidInput: the world would not wait for it.
     """
-    if exam.simulator.external_mode != "lock_step":
+    if simulator.external_mode != "lock_step":
         raise InvalidInput(
             "world_simulator.external_mode = real_time: a system that drives without ROS is called at every tick, "
             "however long it takes; examine it as a program that speaks ROS, by --ads"
@@ -237,9 +365,9 @@ def identity_of(exam: Exam) -> dict[str, Any]:
         "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
         "world": dataclasses.asdict(exam.world),
         "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
-        "weights_sha256": sha256(exam.weights),
+        "weights_sha256": exam.hashes["weights"],
         "agents": {name: AGENT_TYPES.origin(name) for name in exam.config.opponents if name in added_pedestrians()},
-        "recorded_sha256": sha256(near_misses_path(exam.config.recorded)) if exam.config.recorded else "",
+        "recorded_sha256": exam.hashes["recorded"],
         "software": software_versions(),
         "cpu": cpu_name(),
     }

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from vpsci_ros.exam.comparison import Failing
 from vpsci_ros.exam.criteria import verdict_value
-from vpsci_ros.exam.exam_config import ADS
+from vpsci_ros.exam.exam import ADS
 from vpsci_ros.exam.report import standing
 from vpsci_ros.exam.timing import not_met
 from vpsci_ros.runs.files import write_text

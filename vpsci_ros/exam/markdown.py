@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.exam.comparison import Failing
-from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
+from vpsci_ros.exam.exam import ADS, BASELINE, title_of
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.exam.timing import sentence

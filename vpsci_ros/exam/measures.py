@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import YIELDED, Episode, yields
 from vpsci_ros.data.parquet import Column, read_parquet
-from vpsci_ros.exam.exam_config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS
+from vpsci_ros.exam.exam import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS
 from vpsci_ros.exam.result import RunResult, first_critical
 from vpsci_ros.exam.timing import Timed, Timing
 from vpsci_ros.policy.onset_range import range_of_episode

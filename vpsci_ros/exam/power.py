@@ -7,8 +7,7 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.evaluation import statistics
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.exam_config import title_of
+from vpsci_ros.exam.exam import Exam, title_of
 from vpsci_ros.exam.scores import MEASURES
 
 ASSUMED = 0.2  # share of episodes whose outcome changes between two systems, before there are data

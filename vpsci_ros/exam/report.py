@@ -7,10 +7,9 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.episode import ALONE
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import Estimate
-from vpsci_ros.exam.exam_config import ADS, BASELINE, HARD_BRAKING, SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, HARD_BRAKING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.result import Conduct
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, detectable, difference, estimate
 from vpsci_ros.policy.policy_config import LEARNED

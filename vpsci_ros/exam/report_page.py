@@ -11,9 +11,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from vpsci_ros.data.episode import ALONE, Episode
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.criteria import verdict_value
-from vpsci_ros.exam.exam_config import ADS, BASELINE, PERSON, TITLES, added_pedestrians, title_of
+from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import FAILED_BEFORE, rows_of

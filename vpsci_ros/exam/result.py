@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vpsci_ros.data.dataset import write_episodes
-from vpsci_ros.data.dataset_reader import FRAMES, EpisodeFile
+from vpsci_ros.data.dataset_reader import EpisodeFile
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.episode_block import EpisodeBlock, SeenTick, concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
+
+FRAMES = "frames.parquet"  # of a run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,3 +111,10 @@ def label_of(pedestrian: str, part: int) -> str:
 def run_folder(folder: Path, pedestrian: str, part: int) -> Path:
     """Return the folder of a run of the exam in `folder`: runs/walker/1 for the first part."""
     return folder / "runs" / pedestrian / str(part + 1)
+
+
+def exam_runs(folder: Path) -> list[tuple[str, Path]]:
+    """Return pedestrian and file of each run in an exam's folder, by name and part."""
+    paths = (path for path in folder.glob(f"runs/*/*/{FRAMES}") if path.parts[-2].isdecimal())  # no copy of one
+    ordered = sorted(paths, key=lambda path: (path.parts[-3], int(path.parts[-2])))
+    return [(path.parts[-3], path) for path in ordered]

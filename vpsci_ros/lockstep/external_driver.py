@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NoReturn
 
 import numpy as np
@@ -18,6 +17,19 @@ COMMAND_SILENCE = 0.5  # [s] of simulated time without a command, in real time, 
 SAFE_STOP_DECELERATION = 5.0  # [m/s2] in the end
 SAFE_STOP_JERK = 5.0  # [m/s3] at which a safe stop builds up; half of what people brake with (`people.JERK`)
 LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
+RANGES = {
+    "vehicle": ((-LARGEST_ACCELERATION, LARGEST_ACCELERATION),) * 2,
+    "vehicle_control": ((-1.0, 1.0), (0.0, 1.0), (0.0, 1.0)),
+}
+"""Form of a command -> ranges of (longitudinal, lateral) [m/s2], or of (steer, throttle, brake)."""
+
+
+def form_of(values: Sequence[float]) -> str:
+    """Return the form of a command, a key of `RANGES`; "" for numbers that are none, or out of its range."""
+    for form, ranges in RANGES.items():
+        if len(values) == len(ranges):
+            return form if all(low <= x <= high for x, (low, high) in zip(values, ranges, strict=True)) else ""
+    return ""
 
 
 class ExternalDriver:
@@ -101,23 +113,16 @@ class ExternalDriver:
 
         :raises InvalidInput: the command is refused, see the class.
         """
-        command = self._checked("vehicle", values, [-LARGEST_ACCELERATION] * 2, [LARGEST_ACCELERATION] * 2)
-        self._take(command, values, stamp)
+        self._take(values, stamp)
 
     def control(self, values: Sequence[float], stamp: int | None = None, tick: int = 0) -> None:
         """Store a command (steer, throttle, brake); a `tick` other than 0 replaces its stamp.
 
         :raises InvalidInput: the command is refused, see the class.
         """
-        command = self._checked("vehicle_control", values, [-1.0, 0.0, 0.0], [1.0, 1.0, 1.0])
-        self._take(command, values, tick * self._tick_time if tick else stamp)
+        self._take(values, tick * self._tick_time if tick else stamp)
 
-    def _checked(self, name: str, values: Sequence[float], low: list[float], high: list[float]) -> Actions | None:
-        row = np.array([values])
-        inside = (row >= low) & (row <= high)
-        return replace(NO_ACTIONS, **{name: row}) if inside.all() else None
-
-    def _take(self, command: Actions | None, values: Sequence[float], stamp: int | None) -> None:
+    def _take(self, values: Sequence[float], stamp: int | None) -> None:
         if stamp in self._idle_ticks or self._again(stamp):
             return
         stamp = self._now if stamp is None else stamp
@@ -133,13 +138,12 @@ class ExternalDriver:
             )
         if stamp < oldest:
             self.refuse(values, "it answers an earlier tick")
-        if command is None:
+        if not (form := form_of(values)):
             self.refuse(values, "out of range or not finite")
-        else:
-            self._counts.vehicle_commands += 1
-            self._counts.vehicle_commands_surplus += self._fresh  # a second one at this tick
-            self._command, self._commanded, self._stamp = command, self._now, stamp
-            self._fresh, self._given_up = True, False
+        self._counts.vehicle_commands += 1
+        self._counts.vehicle_commands_surplus += self._fresh  # a second one at this tick
+        self._command, self._commanded, self._stamp = Actions(**{form: np.array([values])}), self._now, stamp
+        self._fresh, self._given_up = True, False
 
     def _again(self, stamp: int | None) -> bool:
         """Return whether `stamp` is that of a tick that was published repeatedly and has been answered."""

@@ -1,10 +1,9 @@
-"""Episodes of a near-miss table, a dataset, a bag or an exam: listed by name, and read from disk.
+"""Episodes of a near-miss table, a dataset or a bag: listed by name, and read from disk.
 
-A dataset, a bag and the runs of an exam contain their own scenarios: an episode takes its road from there, never
-from another file of the same number.
+A dataset and a bag contain their own scenarios: an episode takes its road from there, never from another file of the
+same number. An exam's folder is a source, too (`vpsci_ros.exam.view.open_exam`).
 """
 
-import dataclasses
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,8 +16,8 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.dataset_reader import EXAM, Dataset, EpisodeFile, exam_runs
-from vpsci_ros.data.episode import ALONE, Episode, Listed
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.documents import listed
@@ -81,7 +80,7 @@ class EpisodeSource:
 
 
 def read_episodes(path: str | Path, wanted: Sequence[str] = (), *, limit: int | None = None) -> Iterator[Episode]:
-    """Yield the episodes of a near-miss table, of a dataset (kept ones), of a bag (ended ones) or of an exam.
+    """Yield the episodes of a near-miss table, of a dataset (kept ones) or of a bag (ended ones).
 
     :param wanted: only these, by name ("6:12", "17"), label or number; none: all.
     :param limit: most episodes, evenly spread.
@@ -115,8 +114,6 @@ def open_source(path: str | Path) -> EpisodeSource:
     if (path / DESCRIPTION).is_file():
         dataset = Dataset(path)
         return EpisodeSource(path, "generated", dataset.period, dataset.listed(), dataset.own_scenarios, dataset.read)
-    if (path / EXAM).is_file():
-        return _exam(path)
     if path.suffix in _OF_A_BAG[:2] or (path.is_dir() and any(map(_of_a_bag, path.iterdir()))):
         return _bag(path)
     if path.is_dir():
@@ -145,28 +142,6 @@ def _bag(path: Path) -> EpisodeSource:
     period = next(read_bag(bag)).period
     listed = [one.listed for one in found]
     return EpisodeSource(path, "bag", period, listed, scenarios_of(bag, own=True), read)
-
-
-def _exam(folder: Path) -> EpisodeSource:
-    """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12"."""
-    files = [(pedestrian, EpisodeFile(path)) for pedestrian, path in exam_runs(folder) if pedestrian != ALONE]
-    listed = [_with(pedestrian, one) for pedestrian, file in files for one in file.listed]
-    if not listed:
-        raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
-
-    def read(wanted: Collection[str]) -> Iterator[Episode]:
-        for pedestrian, file in files:
-            if any(_with(pedestrian, one).name in wanted for one in file.listed):
-                for episode in file.read():
-                    if (one := _with(pedestrian, episode.listed)).name in wanted:
-                        yield dataclasses.replace(episode, listed=one)
-
-    own = {road.number: road for _, file in files for road in file.own_scenarios}
-    return EpisodeSource(folder, "exam", files[0][1].period, listed, list(own.values()), read)
-
-
-def _with(pedestrian: str, listed: Listed) -> Listed:
-    return listed._replace(name=f"{pedestrian}/{listed.name}", group=f"{pedestrian}_{listed.group}")
 
 
 def spread(total: int, limit: int) -> list[int]:

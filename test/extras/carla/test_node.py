@@ -21,7 +21,7 @@ from vpsci_ros.bags.episodes import read_bag_episodes  # noqa: E402
 from vpsci_ros.bags.verify import verify_bag  # noqa: E402
 from vpsci_ros.cli.parameter_file import load  # noqa: E402
 from vpsci_ros.errors import InvalidInput  # noqa: E402
-from vpsci_ros.exam.conduct_exam import run_exam  # noqa: E402
+from vpsci_ros.exam.conduct import run_exam  # noqa: E402
 from vpsci_ros.exam.exam import prepare  # noqa: E402
 from vpsci_ros.exam.result import read_result  # noqa: E402
 from vpsci_ros.extras.carla.node import CarlaWorld  # noqa: E402

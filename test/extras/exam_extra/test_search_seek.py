@@ -8,7 +8,7 @@ from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.in_process import loop_with
+from vpsci_ros.exam.run import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import HOLDING, Imitation, Recent, lessons
 from vpsci_ros.extras.exam_extra.search.margin import least_margin
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, rehearse, seek

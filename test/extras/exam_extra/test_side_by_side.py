@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.measures import COLUMNS
 from vpsci_ros.extras.exam_extra.ads_commands import compare_app

@@ -18,8 +18,8 @@ from class_in_process import class_in_process
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct_exam import run_exam
-from vpsci_ros.exam.driver_class import Observation
+from vpsci_ros.exam.conduct import run_exam
+from vpsci_ros.exam.drivers import Observation
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.extras.exam_extra.socket_driver import SocketDriver, connected, prepare_socket
 from vpsci_ros.resources import params_dir
@@ -159,7 +159,7 @@ def test_who_does_not_connect_in_time_has_not_driven_and_a_port_in_use_is_said_s
 
 
 def _begin() -> Any:
-    from vpsci_ros.exam.driver_class import Begin
+    from vpsci_ros.exam.drivers import Begin
     from vpsci_ros.world import load_scenario
 
     return Begin(load_scenario(1), 0, 0)

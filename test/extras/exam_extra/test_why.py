@@ -14,7 +14,7 @@ from class_in_process import CARELESS, class_in_process
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct_exam import run_exam
+from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.view import came_first, failure_group
 from vpsci_ros.extras.exam_extra.explain import explain_exam

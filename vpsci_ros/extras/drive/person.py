@@ -2,7 +2,7 @@
 
 import time
 
-from vpsci_ros.exam.driver_class import Begin, Observation
+from vpsci_ros.exam.drivers import Begin, Observation
 from vpsci_ros.extras.drive.drive_page import Page, Pressed
 from vpsci_ros.world.kinematics import brake_for, steer_for, throttle_for
 
@@ -13,7 +13,7 @@ TREADING = 4.0  # [1/s] of a pedal's way
 
 
 class Person:
-    """A person as a driver, see `vpsci_ros.exam.driver_class`.
+    """A person as a driver, see `vpsci_ros.exam.drivers`.
 
     :param period: of a tick [s].
     :param factor: simulated over wall time.

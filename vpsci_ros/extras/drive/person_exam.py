@@ -1,6 +1,6 @@
 """The exam of a person: each episode is driven in the page and stored as a run; a report follows at the end.
 
-The output folder is that of an exam (`vpsci_ros.exam.conduct_exam`), with replays/ beside it. The same command goes on
+The output folder is that of an exam (`vpsci_ros.exam.conduct`), with replays/ beside it. The same command goes on
 after the episodes that are driven.
 """
 
@@ -13,13 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import is_done, run_with
-from vpsci_ros.exam.conduct_exam import run_exam
-from vpsci_ros.exam.driver_class import Driver
-from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
-from vpsci_ros.exam.exam_config import EXTERNAL, PERSON, title_of
-from vpsci_ros.exam.in_process import autopilot_run, loop_with
+from vpsci_ros.exam.conduct import run_exam
+from vpsci_ros.exam.drivers import Driver
+from vpsci_ros.exam.exam import EXTERNAL, PERSON, Exam, identity_of, prepare, take_folder, title_of
 from vpsci_ros.exam.result import RunResult, label_of, read_result
+from vpsci_ros.exam.run import autopilot_run, is_done, loop_with, run_with
 from vpsci_ros.extras.drive.drive_page import Page
 from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig

@@ -155,7 +155,7 @@ def ads_socket(
     quiet: Quiet = False,
 ) -> None:
     """Examine a program in any language that connects to a socket (one JSON object a line), without ROS."""
-    from vpsci_ros.exam.conduct_exam import run_exam
+    from vpsci_ros.exam.conduct import run_exam
     from vpsci_ros.extras.exam_extra.socket_driver import prepare_socket
 
     site = site_of(workers, cluster, mixed_cpus)

@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import identity_of, prepare, take_folder
-from vpsci_ros.exam.exam_config import ADS, title_of
+from vpsci_ros.exam.exam import ADS, EXAM, identity_of, prepare, take_folder, title_of
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import definitions, rows_of
 from vpsci_ros.exam.timing import head_starts, read_timing
@@ -46,7 +44,8 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": failure}))
     require_own(exam.simulator.engine, "failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))
-    exam = dataclasses.replace(exam, head_starts=head_starts(read_timing(folder)))
+    config = dataclasses.replace(exam.config, check_state=False)
+    exam = dataclasses.replace(exam, config=config, head_starts=head_starts(read_timing(folder)))
     own = folder / FOLDER
     driven = set(rows_of(table, ADS)["pedestrian"])
     names = [name for name in exam.config.opponents if name in driven]

@@ -16,13 +16,11 @@ import yaml
 
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.driver_class import Cockpit
-from vpsci_ros.exam.exam import Exam, identity_of, take_folder
-from vpsci_ros.exam.exam_config import ADS, BASELINE, title_of
-from vpsci_ros.exam.in_process import DrivenLoop, loop_with
+from vpsci_ros.exam.drivers import Cockpit, DrivenLoop
+from vpsci_ros.exam.exam import ADS, BASELINE, Exam, identity_of, take_folder, title_of
 from vpsci_ros.exam.measures import episode_table
-from vpsci_ros.exam.recorded_people import Motion
 from vpsci_ros.exam.result import RunResult, block_of_ticks
+from vpsci_ros.exam.run import loop_with
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.lockstep.engines import require_own
@@ -34,7 +32,7 @@ from vpsci_ros.runs.workers import Site
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.view_page import write_view
-from vpsci_ros.world import WorldConfig
+from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.observation import to_heading_frame
@@ -62,15 +60,7 @@ class AutopilotBrake:
         return -MAX_DECELERATION if any(too_near(*place, *ahead) for place in places) else 0.0
 
 
-class ProtocolExam(Exam):
-    """The exam on the protocol's tests, with the tests' target pedestrian."""
-
-    def motion(self, pedestrian: str) -> Motion:
-        """Return the motion of the target pedestrian."""
-        return euro_ncap.motion(self.scenarios, self.with_pedestrian(pedestrian, "external"))
-
-
-def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
+def protocol_exam(exam: Exam, folder: Path) -> Exam:
     """Return the exam on the protocol's tests; each cell of a test is a scenario, written as a file into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
@@ -87,7 +77,10 @@ def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
     }  # fmt: skip
     sections = dataclasses.replace(exam.sections, values={**exam.sections.values, "world_simulator": own | changed})
     run, world = sections.get(RunConfig, "world_simulator"), sections.get(WorldConfig, "world_simulator")
-    return ProtocolExam(sections, exam.config, run, world, exam.files, driver=exam.driver)
+    scenarios = load_scenarios(run.scenarios, run.scenario_files)
+    tests = dataclasses.replace(exam, sections=sections, run=run, world=world, scenarios=scenarios)
+    target = euro_ncap.motion(scenarios, tests.with_pedestrian(EURO_NCAP, "external"))
+    return dataclasses.replace(tests, motions={EURO_NCAP: target})
 
 
 def run_protocol(

@@ -15,11 +15,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from vpsci_ros.data.dataset_reader import EXAM
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.comparison import conditions_of
-from vpsci_ros.exam.exam_config import ADS, title_of
+from vpsci_ros.exam.exam import ADS, EXAM, title_of
 from vpsci_ros.exam.measures import EPISODES, read_episode_table
 from vpsci_ros.exam.report import as_dict, definitions, differences, rows_of
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, estimate

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.driver_class import Begin, Driver, Observation
-from vpsci_ros.exam.exam import Exam, prepare, require_lock_step
-from vpsci_ros.exam.exam_config import EXTERNAL
+from vpsci_ros.exam.drivers import Begin, Driver, Observation
+from vpsci_ros.exam.exam import EXTERNAL, Exam, prepare, require_lock_step
 from vpsci_ros.exam.process import OWN, command_of, failure, running
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.runs.processes import ChildProcess
@@ -151,7 +150,7 @@ def prepare_socket(sections: Sections, ads: str | None, port: int, workers: Site
             f"--port {port} with ads = {command}: give a command of your own with port 0, which it finds in its "
             "environment, or 'external' with the port to which you connect it"
         )
-    require_lock_step(exam)
+    require_lock_step(exam.simulator)
     require_own(exam.simulator.engine, "a program behind a socket drives")
     return dataclasses.replace(exam, driver=partial(connected, command, port, exam.world.tick))
 

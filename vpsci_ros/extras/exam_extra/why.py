@@ -21,12 +21,10 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.exam.conduct import run_with
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.exam_config import ADS
-from vpsci_ros.exam.in_graph import domain_of
+from vpsci_ros.exam.exam import ADS, Exam
 from vpsci_ros.exam.measures import episode_table, worst_first
 from vpsci_ros.exam.result import RunResult, read_result
+from vpsci_ros.exam.run import domain_of, run_with
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Case, Span, case_of
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.workers import Workers, computed, local_workers

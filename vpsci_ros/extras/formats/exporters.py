@@ -9,6 +9,7 @@ from pathlib import Path
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput, packages_of
+from vpsci_ros.exam.view import is_exam, open_exam
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.runs.run_config import Sections
@@ -82,7 +83,7 @@ def export(
 
     Each of these folders is a run of its own, with its record, so that another format can be added later.
 
-    :param source: see `vpsci_ros.view.episode_sources.read_episodes`.
+    :param source: of episodes (`vpsci_ros.view.episode_sources`), or the folder of an exam.
     :param episodes: only those whose number, name or label is in this list with commas; empty: all.
     :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
         `folder`/FORMAT holds anything else than what the same command wrote; only formats named before it are written.
@@ -92,7 +93,7 @@ def export(
     if not formats:
         raise InvalidInput(f"no format given; expected some of {', '.join(EXPORTERS.names())}")
     writers = {name: EXPORTERS.find(name).load() for name in formats}
-    found = open_source(source)
+    found = open_exam(Path(source)) if is_exam(Path(source)) else open_source(source)
     chosen = given_names(episodes, "--episodes")
     if not found.chosen(chosen):
         raise InvalidInput(f"{source}: holds no episode, so there is nothing to export")

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.exam.exam_config import MOVING, SEVERE_TTC
+from vpsci_ros.exam.exam import MOVING, SEVERE_TTC
 from vpsci_ros.safety import CONFLICT_TTC, HORIZON, clearance
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import ended_episodes
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.exam_config import DRIVERS, added_pedestrians
-from vpsci_ros.exam.in_process import loop_with
+from vpsci_ros.exam.exam import DRIVERS, Exam, added_pedestrians
+from vpsci_ros.exam.run import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import Floats32, Imitation, Recent
 from vpsci_ros.extras.exam_extra.search.margin import least_margin
 from vpsci_ros.extras.exam_extra.search.plan import Plan

@@ -1,15 +1,14 @@
-"""A driving system as a Python class: finding it, its observations, and its commands.
+"""Who drives: the messages between exam and driving system, the check of its answers, and the loop in which it drives.
 
-It is written without this package and without ROS: `reset(begin)` before each episode, `act(observation)` at each tick
-of it. One object drives one episode at a time, and many objects drive side by side, so that an episode comes out the
-same whatever the others do, as long as objects share nothing that changes.
+A driver is written without this package and without ROS: `reset(begin)` before each episode, `act(observation)` at each
+tick of it. The exam sends a `Scene` for each car, and gets an `Answer` to each; in between is an object in this process
+(`Cockpit`), a class in its own process (`exam.process`), or a program behind a socket. Many drivers drive side by side.
+A driver that raises, or answers with something that is no command, loses that episode and no other.
 """
 
-import importlib
 import math
-import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -17,16 +16,21 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import Key
 from vpsci_ros.documents import printable, shown
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.lockstep.external_driver import LARGEST_ACCELERATION
+from vpsci_ros.lockstep.external_driver import LARGEST_ACCELERATION, RANGES, form_of
 from vpsci_ros.wire.layout import PlanarMotion, motion_of
-from vpsci_ros.world import IDLE, Scenario
-from vpsci_ros.world.perception import SEEN
+from vpsci_ros.world import ENDED, IDLE, RUNNING, Scenario
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.parked import parked_from
+from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive
 from vpsci_ros.world.tables import Tables, tables_from
+from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
 
 _SHOWN = 300  # characters of an error in a report
 _TRACED = 10_000  # characters of a traceback in a log
+_LOGGED = 10  # tracebacks in a log
 
 
 class Begin(NamedTuple):
@@ -80,16 +84,6 @@ class Driver(Protocol):
         """Return the command at this tick, see `command_of_answer`."""
 
 
-_FORMS = {
-    "vehicle": ("longitudinal", "lateral"),
-    "vehicle_control": ("steer", "throttle", "brake"),
-}
-_RANGES = {
-    "vehicle": ((-LARGEST_ACCELERATION, LARGEST_ACCELERATION),) * 2,
-    "vehicle_control": ((-1.0, 1.0), (0.0, 1.0), (0.0, 1.0)),
-}
-
-
 def command_of_answer(answer: Any) -> tuple[str, tuple[float, ...]]:
     """Return the command in an answer of `act`: ("vehicle", two numbers) or ("vehicle_control", three numbers).
 
@@ -98,10 +92,8 @@ def command_of_answer(answer: Any) -> tuple[str, tuple[float, ...]]:
     """
     values = _numbers(answer)
     values = (*values, 0.0) if len(values) == 1 else values
-    for name, form in _FORMS.items():
-        inside = (low <= value <= high for value, (low, high) in zip(values, _RANGES[name], strict=False))
-        if len(values) == len(form) and all(inside):
-            return name, values
+    if form := form_of(values):
+        return form, values
     raise InvalidInput(
         f"act returned {shown(answer)}; expected an acceleration along the car [m/s2], or one along it and one to its "
         f"left, finite and at most {LARGEST_ACCELERATION:g}, or steer -1..1, throttle 0..1 and brake 0..1"
@@ -131,41 +123,6 @@ def as_object(seen: np.void) -> PlanarMotion:
     """Return the motion of an OBJECT record, with the float32 values of its point in `/perception/objects`."""
     x, y, vx, vy = (float(np.float32(seen[name])) for name in ("x", "y", "vx", "vy"))
     return PlanarMotion(x, y, math.atan2(vy, vx), math.hypot(vx, vy), 0.0)
-
-
-def find_driver(text: str) -> type[Driver]:
-    """Return the class that MODULE:CLASS names; MODULE is installed or lies in the working directory.
-
-    :raises InvalidInput: another form, no such module or class, one that cannot be imported, or no driver.
-    """
-    where = f"--ads-class {text!r}"
-    module, _, name = text.partition(":")
-    if not module or not name.isidentifier():
-        raise InvalidInput(f"{where}: expected MODULE:CLASS, such as my_driver:MyDriver")
-    if (here := str(Path.cwd())) not in sys.path:
-        sys.path.insert(0, here)
-    try:
-        found = importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise InvalidInput(f"{where}: {module} cannot be imported: {error}") from error
-        raise InvalidInput(
-            f"{where}: no module {error.name!r}; install it, or run the command in the folder in which it is"
-        ) from None
-    except SystemExit as error:
-        raise InvalidInput(
-            f"{where}: {module} ends the program while it is imported (SystemExit: {error}); put its main under "
-            "if __name__ == '__main__'"
-        ) from error
-    except BaseException as error:
-        raise InvalidInput(f"{where}: {module} cannot be imported: {type(error).__name__}: {error}") from error
-    driver = getattr(found, name, None)
-    if not isinstance(driver, type):
-        own = [key for key, value in vars(found).items() if isinstance(value, type) and value.__module__ == module]
-        raise InvalidInput(f"{where}: {module} has no class {name!r}; it has {', '.join(own) or 'none'}")
-    if missing := [method for method in ("reset", "act") if not callable(getattr(driver, method, None))]:
-        raise InvalidInput(f"{where}: it has no {' and no '.join(missing)}; define reset(begin) and act(observation)")
-    return driver
 
 
 class Scene(NamedTuple):
@@ -212,7 +169,7 @@ def received_answer(values: Any) -> Answer:
     match values:
         case ["", _, str(error), str(trace), bool(refused)] if error:
             return Answer(error=printable(error)[:_SHOWN], trace=trace[-_TRACED:], refused=refused)
-        case [form, list(command), _, _, _] if form in [*_FORMS]:
+        case [form, list(command), _, _, _] if form in RANGES:
             try:
                 found, numbers = command_of_answer(command)
             except InvalidInput as problem:
@@ -286,3 +243,114 @@ def said(error: BaseException) -> str:
     except BaseException:  # noqa: BLE001  # its text comes from the driving system's code, too
         text = type(error).__name__
     return printable(" ".join(text.split()))[:_SHOWN]
+
+
+class DrivenLoop:
+    """A simulation loop in which a driving system drives every car.
+
+    :param loop: whose world leaves the vehicle to an external driver.
+    :param answers: of the driving system, for each car.
+    :param perception: errors of what is published of pedestrians; None: the drivers have their odometry.
+    :param log: where the traceback of a driver that raises is written.
+    :param cars: the car of each episode; None: one car in each slot, which drives several episodes in turn.
+    :ivar refused: number of answers that were no commands.
+    :ivar lost: episode -> when and why it was lost, in words.
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        answers: Answers,
+        perception: PerceptionConfig | None,
+        log: Path,
+        cars: Mapping[Key, int] | None = None,
+    ) -> None:
+        self._loop, self._ask, self._perception, self._log, self._cars = loop, answers, perception, log, cars
+        self._period, self._most = loop.world.config.tick, loop.world.config.pedestrians
+        self._parked = parked_from(loop.world.scenarios)
+        self._memory = blank(len(loop.world.state), perception, self._period) if perception else None
+        self._form = ""  # of commands, that of the first one
+        self.refused = 0
+        self.lost: dict[Key, str] = {}
+
+    def ticks(self, report: Callable[[int], None]) -> Iterator[Step]:
+        """Simulate, and yield every tick of the loop.
+
+        :param report: called with how many episodes have ended.
+        """
+        ended = 0
+        for step in self._loop.ticks(self._answers):
+            ended += int(np.count_nonzero(step.tick.state["status"][:: self._most] == ENDED))
+            report(ended)
+            yield step
+
+    def failure(self) -> str:
+        """Return the reason for which episodes are unfinished; "" if all were driven to their end."""
+        if not self.lost:
+            return ""
+        (scenario, episode), why = next(iter(sorted(self.lost.items())))
+        others = f" and {len(self.lost) - 1} more" if len(self.lost) > 1 else ""
+        return f"the ADS did not drive {scenario}:{episode}{others} to the end: {why} (log: {log_name(self._log)})"
+
+    def _driven(self, state: NDArray[np.void]) -> Iterator[tuple[slice, Key]]:
+        """Yield rows and key of each running episode in EPISODE[B] that is not lost."""
+        first = state[:: self._most]
+        for slot in np.flatnonzero(first["status"] == RUNNING).tolist():
+            key = int(first["scenario"][slot]), int(first["episode"][slot])
+            if key not in self.lost:
+                yield slice(slot * self._most, (slot + 1) * self._most), key
+
+    def _answers(self, tick: Tick, assessment: Assessment) -> Actions:
+        """Return what all drivers do at a tick."""
+        objects = None
+        if self._memory is not None and self._perception is not None:
+            self._memory, objects = perceive(
+                self._memory, tick.state, self._perception, self._period, self._parked, self._most
+            )
+        driven = list(self._driven(tick.state))
+        scenes = [self._scene(tick, assessment, rows, key, objects) for rows, key in driven]
+        commands: list[tuple[slice, Sequence[float]]] = []
+        for (rows, key), scene, answer in zip(driven, scenes, self._ask(scenes), strict=True):
+            if self._take(key, scene.time, answer):
+                commands.append((rows, answer.values))
+        if not self._form:
+            return NO_ACTIONS
+        values = np.zeros((len(tick.state), 3 if self._form == "vehicle_control" else 2))
+        for rows, command in commands:
+            values[rows] = command
+        return Actions(**{self._form: values})
+
+    def _scene(
+        self, tick: Tick, assessment: Assessment, rows: slice, key: Key, objects: NDArray[np.void] | None
+    ) -> Scene:
+        state = tick.state[rows]
+        frame = int(state["frame"][0])
+        seed = int(np.random.SeedSequence([self._loop.world.seed, *key]).generate_state(1)[0]) if frame == 0 else 0
+        return Scene(
+            car=self._cars[key] if self._cars else rows.start // self._most,
+            begins=(*key, seed) if frame == 0 else None,
+            time=frame * self._period,
+            state=state,
+            curvttc=assessment.curvttc[rows],
+            distance=assessment.distance[rows],
+            objects=None if objects is None else objects[rows],
+        )
+
+    def _take(self, key: Key, time: float, answer: Answer) -> bool:
+        """Return whether an answer is a command of the first one's form; if not, the episode is lost."""
+        self._form = self._form or answer.form
+        if answer.form and answer.form == self._form:
+            return True
+        other = f"act returned {tuple(answer.values)}, a command of another form than its first one"
+        error = other if answer.form else answer.error
+        self.refused += answer.refused or bool(answer.form)
+        self.lost[key] = f"at {time:.2f} s {error}"
+        if len(self.lost) <= _LOGGED:
+            with self._log.open("a", encoding="utf-8", errors="backslashreplace") as log:
+                print(f"{key[0]}:{key[1]} at {time:.2f} s: {error}\n{answer.trace}", file=log)
+        return False
+
+
+def log_name(log: Path) -> str:
+    """Return a log's name as results have it, within the exam's folder: logs/ads_walker.log."""
+    return f"{log.parent.name}/{log.name}"
