@@ -13,6 +13,7 @@ from vpsci_ros.exam.comparison import Earlier, compare
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import DRIVERS, ExamConfig
 from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.picture import BOTTOM, FARTHEST, distances, rates
 from vpsci_ros.exam.report import make_report
 from vpsci_ros.exam.report_page import must_see, write_page
 from vpsci_ros.exam.result import Conduct, RunResult
@@ -93,9 +94,43 @@ def test_the_three_episodes_to_see_are_three_and_each_says_why(page):
         ("walker", 3, "A contact at 4.0 m/s, where the autopilot has none"),
         ("learned", 2, "The nearest without a contact: CurvTTC 3.00 s"),
     ]
-    cards = page[0].split("<div class=cards>")[1].split("<h2>")[0]
+    cards = page[0].split("<ul class=cards>")[1].split("</ul>")[0]
     assert re.findall(r"episode=([\d:]+)", cards) == [f"{row['scenario']}:{row['episode']}" for row in rows]
-    assert page[0].index('class="verdict') < page[0].index("<div class=cards>") < page[0].index("<table")
+    assert page[0].index('class="verdict') < page[0].index("<ul class=cards>") < page[0].index("<table")
+
+
+def test_the_picture_has_rates_with_intervals_and_limits_on_one_axis_then_the_distances_of_the_worst(compared):
+    made, table = episodes("walker", "ads", 5)
+    report = make_report(table, {"walker": Conduct(12)}, CONFIG)
+    report["criteria"] = check([parse("SR-12: moving_collision_rate > 0.25", ["walker"])], report, ["walker"])
+    drawn = rates(report)
+    (row,) = drawn["rows"]
+    assert [text for _, text in drawn["marks"]] == ["0%", "50%", "100%"], "5 of 12, up to 68%, need the whole axis"
+    (low, _), _, (high, _) = drawn["marks"]
+    places = [
+        (x - low) / (high - low) for x in (row["limit"], *(row["dots"][0][key] for key in ("value", "low", "high")))
+    ]
+    assert places == pytest.approx([0.25, 5 / 12, 0.193, 0.680], abs=0.001)
+    line = distances(must_see(table), {"walker": made})["lines"][0]
+    end, first = made[4], line["points"].split()[0].split(",")
+    assert line["touched"]
+    assert 1.0 - float(first[1]) / BOTTOM == pytest.approx(min(end.distance[0, 0], FARTHEST) / FARTHEST, abs=0.01)
+    body = compared.read_text(encoding="utf-8").split("<body>")[1]
+    assert body.index('class="verdict') < body.index("<svg") < body.index("<h2>"), "the picture is before the text"
+
+
+def test_of_the_picture_nothing_is_cut_on_narrow_screens(compared, browser):
+    outside = """[...document.querySelectorAll('svg text')].filter(each => {
+        const own = each.getBoundingClientRect(), all = each.closest('svg').getBoundingClientRect()
+        return own.left < all.left - 1 || own.right > all.right + 1 || own.bottom > all.bottom + 1
+    }).map(each => each.textContent)"""
+    for width in (390, 1000, 1279):
+        tab = browser.new_page(viewport={"width": width, "height": 850})
+        tab.goto(compared.as_uri())
+        assert tab.evaluate("document.documentElement.scrollWidth") == width
+        assert tab.evaluate(outside) == []
+        assert tab.evaluate("document.querySelector('svg').getBoundingClientRect().top") < 500, "on the first screen"
+        tab.close()
 
 
 def test_the_page_is_readable_on_a_phone_a_wide_screen_and_paper(page, browser, tmp_path):
@@ -174,7 +209,7 @@ def test_no_table_is_wider_than_its_column_at_1280_pixels(compared, browser):
     found = tab.evaluate(wide)
     assert len(found) > 5
     assert all(own <= column for own, column in found), found
-    assert tab.evaluate("document.querySelector('.changes').getBoundingClientRect().top") < 300, "on the first screen"
+    assert tab.evaluate("document.querySelector('.picture').getBoundingClientRect().top") < 300, "on the first screen"
     tab.close()
 
 

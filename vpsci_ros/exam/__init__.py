@@ -18,6 +18,7 @@ In reading order:
 * `power`: how large a change an exam can see, and how many episodes a change needs, in words
 * `comparison`: the comparison with an earlier exam: which episodes are fixed, newly or still failing
 * `report_page`: an exam's report: a self-contained HTML page, and a table on the terminal
+* `picture`: the picture with which the report begins: rates of failures, and distances in the worst encounters
 * `view`: an exam's episodes for the page that plays them: the driving system beside the autopilot
 * `markdown`: the verdict of an exam as Markdown for a merge request (summary.md)
 * `junit`: the verdict of an exam as JUnit XML (junit.xml), for continuous integration

@@ -97,6 +97,12 @@ def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequ
     return verdicts
 
 
+def limits(verdicts: Sequence[Mapping[str, Any]], measure: str) -> dict[str, float]:
+    """Return pedestrian -> limit of the verdicts about a measure."""
+    found = ((verdict["pedestrian"], _FORM.fullmatch(verdict["criterion"])) for verdict in verdicts)
+    return {pedestrian: float(form[4]) for pedestrian, form in found if form and form[2] == measure}
+
+
 def _without_value(report: Mapping[str, Any], measure: str, pedestrian: str) -> str:
     """Return the reason for which a measure would have no value."""
     if pedestrian not in report["drivers"].get(ADS, {}):
