@@ -16,17 +16,18 @@ def require_same(
     mine: Mapping[str, Any],
     what: str = "holds a run",
     advice: str = _ADVICE,
+    other: str = "this one",
 ) -> None:
     """Refuse a stored run that differs from this one in any value of `mine`.
 
     :param where: the file or folder that was found, the opening of the error message.
     :param found: what that run was, as JSON values; names that `mine` lacks do not count.
-    :param mine: what this run is; anything that JSON can write.
+    :param mine: what this run is, or the `other` one; anything that JSON can write.
     :raises InvalidInput: they differ; the first difference is named.
     """
     found = {name: found.get(name) for name in mine}
     for name, old, new in _differences(found, json.loads(json.dumps(mine)), ""):
-        raise InvalidInput(f"{where}: {what} with {name} = {_quoted(old)}, and this one has {_quoted(new)}; {advice}")
+        raise InvalidInput(f"{where}: {what} with {name} = {_quoted(old)}, and {other} has {_quoted(new)}; {advice}")
 
 
 def _differences(old: Any, new: Any, name: str) -> Iterator[tuple[str, Any, Any]]:

@@ -84,8 +84,8 @@ def read_exams(folders: Sequence[Path]) -> list[Finished]:
         episodes = {"only": stored["parameters"].get("world_simulator", {}).get("only", [])}
         conditions = conditions_of(stored) | {"world_simulator.only": episodes["only"], "failure": report["failure"]}
         first = first or conditions
-        advice = f"exams are compared on the same episodes: drive both with the parameters of {folders[0]}"
-        require_same(folder, conditions, first, "is an exam", advice)
+        advice = "exams are compared on the same episodes: drive both with the same parameters"
+        require_same(folder, conditions, first, "is an exam", advice, str(folders[0]))
         rows = rows_of(read_episode_table(folder), ADS)
         found.append(Finished(str(folder), stored["ads"], report["failure"], rows))
     return found
