@@ -6,8 +6,7 @@ import torch
 
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.evaluation.scene import Scene
-from vpsci_ros.learning.closed_loop import Lane, Recorded, clearance, penalties, roll_out, simulated_start
-from vpsci_ros.learning.objectives import DualWeight
+from vpsci_ros.learning.closed_loop import DualWeight, Lane, Recorded, clearance, penalties, roll_out, simulated_start
 from vpsci_ros.learning.rewards import SimulatedRewards
 from vpsci_ros.learning.training_config import ClosedLoopConfig, RewardsConfig
 from vpsci_ros.learning.transitions import TransitionBuilder

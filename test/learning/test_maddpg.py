@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.learning.maddpg import LEAST_VALUE, UNIT, Maddpg, Scored
 from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.objectives import LEAST_VALUE, UNIT, Maddpg, PolicyGradient, Training
 from vpsci_ros.learning.replay import Batch, History, collate, draw_recorded, recorded_histories
+from vpsci_ros.learning.rewards import Scored
 from vpsci_ros.learning.training_config import UpdatesConfig
 from vpsci_ros.policy.actor import InwardClamp
 from vpsci_ros.world.observation import AGENTS
@@ -27,11 +28,21 @@ def scored(batch, reward):
     return Scored(action, {agent: torch.full(batch.present.shape, reward) * batch.present for agent in AGENTS}, batch)
 
 
+def scoring(maddpg, scored):
+    """The training of these networks, whose rewards are `scored` whatever the actors do."""
+
+    class Rewards:
+        def score(self, batch, actions, rng):
+            return scored
+
+    return Training(maddpg, Rewards(), None)
+
+
 def test_targets_follow_at_the_soft_update_rate(networks, batch):
     made = networks()
     maddpg = Maddpg(made, UpdatesConfig(target_update_rate=0.25, critic_learning_rate=1e-3))
     before = made.target_critic["vehicle"].state.weight.clone()
-    maddpg.update(batch, scored(batch, 1.0), None, NO_NOISE)
+    scoring(maddpg, scored(batch, 1.0)).update_critics(batch, NO_NOISE)
     after, fast = made.target_critic["vehicle"].state.weight, made.critic["vehicle"].state.weight
     torch.testing.assert_close(after, 0.75 * before + 0.25 * fast)
 
@@ -40,7 +51,7 @@ def test_an_update_and_a_checkpoint_need_nothing_of_torchs_compiler(networks, ba
     """Its import takes longer than torch's own, in each process that learns."""
     monkeypatch.setitem(sys.modules, "torch._dynamo", None)  # to import it is an error
     maddpg = Maddpg(networks(), UpdatesConfig())
-    maddpg.update(batch, scored(batch, 1.0), None, NO_NOISE)
+    scoring(maddpg, scored(batch, 1.0)).update_critics(batch, NO_NOISE)
     for optimiser in (maddpg.critic_optimiser, maddpg.actor_optimiser):
         optimiser.load_state_dict(optimiser.state_dict())
 
@@ -110,7 +121,7 @@ def test_updates_follow_the_gradients_of_algorithm_1_over_the_mean_value_with_th
     scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: UNIT * torch.randn(2, 6) for a in AGENTS}, batch)
     # steps of zero: gradients stay to be seen
     for clip in ("GRADIENT_CLIP", "ACTORS_CLIP"):
-        monkeypatch.setattr(f"vpsci_ros.learning.maddpg.{clip}", 1e9)
+        monkeypatch.setattr(f"vpsci_ros.learning.objectives.{clip}", 1e9)
     config = UpdatesConfig(0.0, 0.0, discount=0.9, importance_temperature=TEMPERATURE)
     known, expected = {}, {}
     for agent, other in (AGENTS, AGENTS[::-1]):
@@ -122,7 +133,7 @@ def test_updates_follow_the_gradients_of_algorithm_1_over_the_mean_value_with_th
             expected[name, agent] = torch.autograd.grad(of, list(network.parameters()))
             assert max(float(gradient.abs().max()) for gradient in expected[name, agent]) > 1e-3
     maddpg = Maddpg(made, config)
-    result = maddpg.update(batch, scored, maddpg.act(batch), NO_NOISE)
+    result = PolicyGradient(scoring(maddpg, scored)).update(batch, 0, NO_NOISE)
     for agent in AGENTS:
         assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(known[agent], rel=1e-4)
     for (name, agent), gradients in expected.items():
@@ -137,7 +148,7 @@ def test_recorded_steps_alone_teach_what_their_whole_windows_teach(networks, nea
     for step in (Batch.step, None):
         monkeypatch.setattr(Batch, "step", step)
         maddpg = Maddpg(networks(gain=20.0), config)
-        result = maddpg.update(batch, scored(batch, -50.0), maddpg.act(batch), NO_NOISE)
+        result = PolicyGradient(scoring(maddpg, scored(batch, -50.0))).update(batch, 0, NO_NOISE)
         learned.append((result, {n: p.grad for n, p in maddpg.networks.named_parameters() if p.requires_grad}))
     (alone, gradients), (whole, plain) = learned
     np.testing.assert_allclose(alone.error, whole.error, atol=1e-4)
@@ -179,22 +190,6 @@ def test_noise_on_target_actions_is_cut_off_at_two_deviations_and_at_the_limit(n
     assert 0.35 < float(off.std()) < 0.55
     assert 0.99 < float(off.abs().max()) <= 1.0 + 1e-6
     assert float(noisy.abs().max()) <= 5.0
-
-
-def test_actors_follow_another_loss_beside_the_policy_gradient_as_much_as_its_weight_says(networks, monkeypatch):
-    monkeypatch.setattr("vpsci_ros.learning.maddpg.ACTORS_CLIP", 1e9)
-    learned = []
-    for weight in (0.0, 1.0, 2.0):
-        made = networks(gain=20.0)
-        maddpg, batch = Maddpg(made, UpdatesConfig(0.0, 0.0)), collate([made_up(8, terminal=True, seed=7)])
-        besides = sum((parameter**2).sum() for parameter in made.actor.parameters())
-        actions = maddpg.act(batch)
-        maddpg.update(batch, scored(batch, 0.0), actions, NO_NOISE, besides=besides, weight=weight)
-        learned.append([parameter.grad.clone() for parameter in made.actor.parameters()])
-    for none, once, twice, parameter in zip(*learned, made.actor.parameters(), strict=True):
-        torch.testing.assert_close(none, 2.0 * parameter.detach())
-        torch.testing.assert_close(twice - once, once - none, atol=1e-5, rtol=1e-3)
-    assert max(float((b - a).abs().max()) for a, b in zip(*learned[:2], strict=True)) > 1e-3
 
 
 def test_the_output_beyond_the_limit_gets_the_gradient_that_leads_back_inside_alone():

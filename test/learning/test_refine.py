@@ -7,7 +7,7 @@ import torch
 
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
 from vpsci_ros.evaluation.held_out import HeldOut
-from vpsci_ros.learning.maddpg import UNIT
+from vpsci_ros.learning.objectives import UNIT
 from vpsci_ros.learning.online import refine
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import collate

@@ -9,8 +9,7 @@ In reading order:
 * `closed_loop`: both actors rolled out in closed loop through the kinematics, with gradients
 * `forecast`: a forecast for a bank, learned by five trainings of stage 1 from near misses
 * `online`: stage 2 in one process: world, monitor, policies and learner called in turn
-* `maddpg`: one update of Algorithm 1: critics by temporal difference, actors by the policy gradient
-* `objectives`: training objectives of the actors by name, for both stages; critics learn by temporal difference
+* `objectives`: one update of each stage in the order of its events, by the objectives `ddpg` and `closed_loop`
 * `rewards`: all rewards of the paper: speed (14)-(15), collision (25), goal (26) and their weighting (27)-(28)
 * `networks`: all networks of MA-SST-DDPG: an actor and a critic for each agent, and a target network of each
 * `replay`: the replay buffers of both stages, and mini-batches drawn from a buffer

@@ -326,3 +326,27 @@ def penalties(start: Start, scenes: Sequence[Scene], actions: Sequence[Actions],
         torch.relu(1.0 - drives) + torch.relu(1.0 - walks),
         torch.stack(squares[: config.steps]).mean(dim=0),
     )
+
+
+class DualWeight:
+    """The weight of a constraint, by dual ascent: it grows while a running mean of the error is above the limit."""
+
+    STEP, MEMORY, LEAST = 0.02, 0.05, 0.2
+
+    def __init__(self, config: ClosedLoopConfig) -> None:
+        self.value, self.mean = config.weight, config.limit
+        self._limit, self._most = config.limit, config.most_weight
+
+    def note(self, error: float) -> None:
+        """Take an error [m] into the mean, and change the weight by it."""
+        self.mean += self.MEMORY * (error - self.mean)
+        factor = 1.0 + self.STEP if self.mean > self._limit else 1.0 - self.STEP
+        self.value = min(self._most, max(self.LEAST, self.value * factor))
+
+    def state_dict(self) -> dict[str, float]:
+        """Return the state, for checkpoints."""
+        return {"value": self.value, "mean": self.mean}
+
+    def load_state_dict(self, state: dict[str, float]) -> None:
+        """Go on from a state."""
+        self.value, self.mean = state["value"], state["mean"]

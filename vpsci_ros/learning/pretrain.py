@@ -17,12 +17,11 @@ from vpsci_ros.errors import Stopped
 from vpsci_ros.evaluation.held_out import HeldOut, held_out_by
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.divergence import require_finite
-from vpsci_ros.learning.maddpg import Maddpg, Tensors
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.objectives import Maddpg, Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, draw_recorded
-from vpsci_ros.learning.rewards import RecordedRewards
+from vpsci_ros.learning.rewards import RecordedRewards, Tensors
 from vpsci_ros.learning.training_config import PretrainConfig
 from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.weights import Weights, resolved, save_weights

@@ -26,9 +26,8 @@ from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.divergence import require_finite
-from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.objectives import Maddpg, Training, UpdateResult, find_objective
 from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import SimulatedRewards

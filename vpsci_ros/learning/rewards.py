@@ -6,7 +6,7 @@ In its own frame the vehicle never moves sideways, so a deviation taken there wo
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.evaluation.scene import advance, observe, time_to_collision
-from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, Floats, History, collate
 from vpsci_ros.learning.training_config import RewardsConfig, SpeedRewardsConfig
@@ -24,6 +23,7 @@ from vpsci_ros.world.observation import AGENTS, STEP
 from vpsci_ros.world.transition import TRANSITION
 
 RULES = "release", "pedestrian_gain", "keeps_lane", "limited"  # fields of a transition, of one value an episode
+Tensors = dict[str, Tensor]
 EXPLORATION = 0.5  # [m/s2] standard deviation of the actions scored in stage 1 around the actor's; ours
 
 
@@ -82,6 +82,18 @@ class SpeedReward:
         """Return the reward, float32[M, T], of actions [M, T, 2] [m/s2], past the end as well."""
         predicted = predicted_velocity(batch.observation[agent][:, :-1, :2], action)
         return speed_reward(predicted, batch.next_velocity[agent], self._deviation[agent]) * self._scaling
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Evaluated actions, float32[M, T, 2] [m/s2] by agent, their rewards, float32[M, T], and the next observations.
+
+    :ivar batch: the batch with the observations to which these actions lead.
+    """
+
+    action: Tensors
+    reward: Tensors
+    batch: Batch
 
 
 class Rewards(Protocol):

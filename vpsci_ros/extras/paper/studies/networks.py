@@ -10,9 +10,8 @@ import numpy as np
 import torch
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.objectives import Maddpg, Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards
