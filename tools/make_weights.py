@@ -1,11 +1,13 @@
 #!/usr/bin/env python
-"""Learn `ma_sst_ddpg`: stages 1 and 2, right turns of part train.
+"""Learn weights by stages 1 and 2 from right turns of part train: the shipped `ma_sst_ddpg`, or by the paper's method.
 
     tools/make_weights.py [-o out/weights] [--seed 4] [--install]
+    tools/make_weights.py --paper [-o out/paper] [--seed 4 5 6 7 8] [--hidden 256 --layers 2]
 
-A run that is stopped goes on with the same command. `--seed` is that of stage 1, and of learner, world and policies in
-stage 2; the default is that of the shipped weights. `--install` puts the last weights of stage 2 into the package. Some
-ten minutes of one core.
+A run that is stopped goes on with the same command. A seed is that of stage 1, and of learner, world and policies in
+stage 2; equal seeds give equal files. `--install` puts the last weights of stage 2 into the package. `--paper` trains
+by `params/paper_stage1.yaml` and `paper_stage2.yaml`, each seed in a folder. Some ten minutes of one core; by the
+paper's method six at width 64, and hours at its own two layers of 256.
 """
 
 import argparse
@@ -24,16 +26,25 @@ SHIPPED = ROOT / "vpsci_ros" / "models" / "ma_sst_ddpg.safetensors"
 def main() -> int:
     """Make the weights; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("out", "weights"))
-    parser.add_argument("--seed", type=int, default=4)
+    parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--seed", type=int, nargs="+", default=[4])
+    parser.add_argument("--paper", action="store_true", help="by the paper's method, in its scenes")
+    parser.add_argument("--hidden", type=int, default=64, help="width of the networks")
+    parser.add_argument("--layers", type=int, default=1, help="of the networks")
     parser.add_argument("--install", action="store_true", help="copy the weights into the package")
     given = parser.parse_args()
-    pretrained, refined = (given.output / name for name in ("pretrain", "refine"))
-    second = [f"{node}.seed={given.seed}" for node in NODES]
+    if given.install and (given.paper or len(given.seed) > 1):
+        parser.error("--install: expected one seed, and no --paper")
+    output = given.output or Path("out", "paper" if given.paper else "weights")
+    files = ("paper_stage1", "paper_stage2") if given.paper else ("stage1_pretrain", "stage2_online")
+    shape = [f"learner.hidden={given.hidden}", f"learner.layers={given.layers}"]
     try:
-        learn("pretrain", "stage1_pretrain", pretrained, [f"learner.seed={given.seed}"])
-        start = f"learner.weights={pretrained / 'pretrained.safetensors'}"
-        learn("refine", "stage2_online", refined, [start, *second])
+        for seed in given.seed:
+            folder = output / f"seed_{seed}" if given.paper or len(given.seed) > 1 else output
+            pretrained, refined = (folder / stage for stage in ("pretrain", "refine"))
+            learn("pretrain", files[0], pretrained, [f"learner.seed={seed}", *shape])
+            start = f"learner.weights={pretrained / 'pretrained.safetensors'}"
+            learn("refine", files[1], refined, [start, *(f"{node}.seed={seed}" for node in NODES)])
         if given.install:
             print(f"installed: {shutil.copy(refined / 'refined.safetensors', SHIPPED)}")
     except VpsciError as error:
