@@ -56,7 +56,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert load_weights(second.folder / "refined.safetensors").facts["stage"] == "refined"
     rows = pl.read_csv(second.folder / "refine_log.csv")
     rewards = pl.read_csv(second.folder / "refine_episodes.csv")
-    assert rows["updates"][-1] >= learner["updates"] >= 2  # it may go on after its last report
+    assert rows["updates"][-1] == learner["updates"] >= 2
     assert rewards["episode"].to_list() == list(range(1, rows["episodes"][-1] + 1)), "a row for every episode"
 
     versions = set()
@@ -71,4 +71,4 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
                 numbers += range(message.first_number, message.first_number + len(message.scenario))
     assert versions >= {1, 2}, "the policies never took up refreshed weights"
     assert numbers == list(range(len(numbers))), "transitions are numbered without gaps"
-    assert 0 < learner["transitions"] <= len(numbers), "the learner ends a little behind the world"
+    assert learner["transitions"] == len(numbers) > 0, "the graph waits for its learner"

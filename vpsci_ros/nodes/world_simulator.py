@@ -39,7 +39,8 @@ class WorldSimulator(GraphNode):
 
     :param server: an external engine's server, which moves the agents; None: as the parameter `engine` says.
 
-    Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`.
+    Finished when every episode of its queue has ended, and a learner has learned from all. Services: `/world/pause`,
+    `/world/step`.
     """
 
     counts: WorldCounts
@@ -142,7 +143,9 @@ class WorldSimulator(GraphNode):
             self._begin_when_all_are_here()
             return
         self._awaited = set()
-        if lock_step.running and lock_step.behind:
+        if self._loop.world.done:
+            self._finish()
+        elif lock_step.running and lock_step.behind:
             topic = self.full_name("/replay")
             self.get_logger().info(f"waiting for the learner to catch up on {topic}", throttle_duration_sec=10.0)
         elif lock_step.running and not lock_step.paused:
@@ -210,9 +213,18 @@ class WorldSimulator(GraphNode):
         self._lock_step.begin(tick, self._tick_started)
         if self._loop.world.done:
             self._lock_step.end()
-            self.finished = True
+            self._finish()
         else:
             self._outputs.tick(tick)
+
+    def _finish(self) -> None:
+        """Finish, once a learner has learned from every transition; until then, log that it is waited for."""
+        left = self._lock_step.unread
+        self.finished = left == 0
+        if left:
+            self._awaited = {"learner"}
+            text = f"all episodes have ended; the learner has {left} transitions left to learn from"
+            self.get_logger().info(text, throttle_duration_sec=10.0)
 
     def _count(self, events: NDArray[np.void]) -> None:
         first = events["slot"] % self._config.pedestrians == 0  # an episode counts once
