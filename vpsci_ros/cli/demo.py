@@ -78,8 +78,8 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
             f"{SMALL['stage1_pretrain.yaml']['learner']['episodes']} episodes",
             f"error {_figure(figures, 'closed_loop_ade', ' m')}",
             f"of a control {_figure(figures, 'control_closed_loop_ade', ' m')}",
-            "The paper's MA-SST-DDPG learned a minute. The error is its mean distance to the recorded people on clips "
-            "that it never saw; the control repeats the last velocity.",
+            "The paper's networks imitated recorded people for a minute. The error is their mean distance to people on "
+            "clips that they never saw; the control repeats the last velocity.",
         )
         _begin(console, 3)
         figures, learned, _ = _stage(folder, 2, {"learner": corpus | {"weights": learned}})

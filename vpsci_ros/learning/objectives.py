@@ -115,9 +115,9 @@ class PolicyGradient:
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """Update critics, actors and targets once, see `StageObjective.update`."""
         maddpg = self._training.maddpg
-        actions = maddpg.act(batch)
-        scored = self._training.rewards.score(batch, actions, rng)
-        result, states = maddpg.update_critics(batch, scored, rng)
+        actions = maddpg.act(batch)  # mu(H(t))
+        scored = self._training.rewards.score(batch, actions, rng)  # R(t), in stage 1 (14)-(15), in stage 2 (27)
+        result, states = maddpg.update_critics(batch, scored, rng)  # y(t), (5) and L
         result.actor_loss, loss = maddpg.policy_losses(batch, actions, states)
         result.gradient_norm = maddpg.improve(loss)
         maddpg.follow()
@@ -136,7 +136,7 @@ class Imitation:
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """Update critics, actors and targets once, see `StageObjective.update`."""
-        maddpg, result = self._training.maddpg, self._training.update_critics(batch, rng)
+        maddpg, result = self._training.maddpg, self._training.update_critics(batch, rng)  # act, reward, critics
         recorded = self._recorded.draw(rng)
         scenes = [scene for scene, _ in roll_out(maddpg.networks.actor, recorded.start, self._config.imitated_steps)]
         error = recorded.error(scenes)
@@ -164,7 +164,7 @@ class Constrained:
         config, maddpg = self._config, self._training.maddpg
         actions = maddpg.act(batch, gradient=config.policy_gradient > 0)
         scored = self._training.rewards.score(batch, actions, rng)
-
+        # roll-outs
         histories, start, recorded = *self._draw(rng), self._recorded.draw(rng)
         both = start.and_then(recorded.start)
         scenes, done = zip(*roll_out(maddpg.networks.actor, both, config.steps, config.beyond), strict=True)
@@ -174,17 +174,17 @@ class Constrained:
         bad = penalties(start, [_rows(scene, 0, count) for scene in scenes], own, config)
         for history, near in zip(histories, bad.near.tolist(), strict=True):
             history.near = 0.5 * (history.near + near)
+        # constraint and prices
         loss = self._weight.value * error
         for price, part in zip((config.contact, config.lane, config.late, config.effort), bad, strict=True):
             loss = loss + price * part.mean()
-
+        # critics, step and targets
         result, states = maddpg.update_critics(batch, scored, rng)
         result.actor_loss, gradient = maddpg.policy_losses(batch, actions, states)
         if config.policy_gradient:
             loss = loss + config.policy_gradient * gradient
         result.gradient_norm = maddpg.improve(loss, slower(iteration))
         maddpg.follow()
-
         self._weight.note(float(error.detach()))
         result.more = {f"closed_loop_{name}": float(part.detach().mean()) for name, part in bad._asdict().items()}
         result.more |= {"closed_loop_weight": self._weight.value, "closed_loop_error": self._weight.mean}

@@ -54,6 +54,7 @@ def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what
     control = rows["constant_velocity"]["world"]  # of the two episodes once, a model's of 2 folds each
     assert {len(rows[name]["world"]["collision_by_training"]) for name in SIMULATED} == {2}
     assert all(rows[name]["world"]["critical_episodes"] == 2 * control["critical_episodes"] for name in SIMULATED)
+    assert rows["fading_acceleration"]["world"]["critical_episodes"] == control["critical_episodes"]
     cells = [
         [cell.strip() for cell in line.split("|")[1:-1]]
         for line in table_9_page(result).splitlines()

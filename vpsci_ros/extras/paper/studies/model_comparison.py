@@ -18,8 +18,8 @@ from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.extras.paper.studies.folds import held_out_folds
-from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, shares_of_ends
-from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train
+from vpsci_ros.extras.paper.studies.model_table import COST, REFERENCE, Hybrid, Measuring, Pooled, shares_of_ends
+from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train, untrained
 from vpsci_ros.extras.paper.studies.state import StudyReport, once, side_by_side
 from vpsci_ros.learning import online
 from vpsci_ros.learning import refine as stage_2
@@ -51,10 +51,10 @@ def compare_models(
     The layout is that of `errors.evaluate`. Each model also has `parameters` (of both actors), `training_seconds` (of
     CPU, one training), `step_microseconds` (of CPU, both actors, one interaction among those of a fold), `people` (a
     part of `SameStart.measure`: energy score, minADE6, likelihood, classifier), with `hybrid` `world`
-    (`shares_of_ends`; of the control `constant_velocity`, too), and, where `ma_sst_ddpg` is among the models, its ADE
-    by protocol and its energy score as shares of that model's, with 95% intervals. A training that is stopped begins
-    again; finished ones are kept. One by reinforcement in simulation goes on from its checkpoint: its
-    `training_seconds` are those of the last part.
+    (`shares_of_ends`; also of the controls `constant_velocity` and, by untrained networks, `fading_acceleration`),
+    and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
+    with 95% intervals. A training that is stopped begins again; finished ones are kept. One by reinforcement in
+    simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
 
     :param models: of `vpsci_ros.policy.models.MODELS`.
     :param seed: of folds and trainings.
@@ -64,7 +64,7 @@ def compare_models(
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; or
         `out_dir` holds another study.
     """
-    if config.objective != PretrainConfig.objective:
+    if config.objective not in (PretrainConfig.objective, "ddpg"):  # as the parameter files have them
         raise InvalidInput(
             f"learner.objective = {config.objective}: each model of this study has its own; leave it out"
         )
@@ -87,7 +87,9 @@ def compare_models(
             measuring.add(refined.setdefault(name + REFINED, Pooled()), gone_on, held_out, hybrid)
     result = measuring.table(data_driven | refined) | {"folds": folds}
     if hybrid is not None:
+        nothing = untrained(REFERENCE, network, seed).weights({}, {})
         result["models"]["constant_velocity"]["world"] = shares_of_ends([hybrid.ends(None)])
+        result["models"]["fading_acceleration"]["world"] = shares_of_ends([hybrid.ends(nothing)])
     write_json(out_dir / RESULT, result)
     return result
 

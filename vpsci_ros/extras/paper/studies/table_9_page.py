@@ -28,8 +28,9 @@ def table_9_page(result: dict[str, Any]) -> str:
     parts = [extent, _errors(models)]
     learned = {title: of for title, (_, of) in models.items() if "parameters" in of}
     if any("people" in of or "world" in of for of in learned.values()):
-        control = result["models"].get("constant_velocity", {})
-        parts.append(_people(learned | {"no reaction (velocities kept)": {"world": control.get("world")}}))
+        none, fades = (result["models"].get(name, {}) for name in ("constant_velocity", "fading_acceleration"))
+        controls = {"no reaction (velocities kept)": none, "untrained networks (accelerations fade)": fades}
+        parts.append(_people(learned | {title: {"world": of.get("world")} for title, of in controls.items()}))
     return "\n".join(parts)
 
 
