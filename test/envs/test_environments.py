@@ -91,6 +91,23 @@ def test_an_environment_of_a_batch_is_to_the_bit_the_one_alone():
     assert finished >= 3
 
 
+def test_environments_without_a_seed_start_different_episodes_and_each_goes_on_in_its_own():
+    batch = RightTurnVectorEnv(4, **WALKER)
+    first, infos = batch.reset()
+    assert len({row.tobytes() for row in first}) > 1
+    assert infos["scenario"].tolist() == [1, 1, 1, 1]
+    assert batch.reset()[1]["scenario"].tolist() == [2, 2, 2, 2]
+    mixed = RightTurnVectorEnv(2, **WALKER)
+    (seeded, _), _ = mixed.reset(seed=[7, None])
+    single = RightTurnEnv(**WALKER)
+    assert single.reset(seed=7)[0].tobytes() == seeded.tobytes()
+    assert mixed.reset(seed=[7, None])[1]["scenario"].tolist() == [1, 2]
+
+    new, pair = RightTurnEnv(**WALKER), parallel_env(scenarios=[1])
+    assert len({pickle.loads(pickle.dumps(new)).reset()[0].tobytes() for _ in range(4)}) > 1
+    assert len({pickle.loads(pickle.dumps(pair)).reset()[0]["vehicle"].tobytes() for _ in range(4)}) > 1
+
+
 def test_a_copy_in_mid_episode_goes_on_to_the_bit():
     env = RightTurnEnv(weights=small_weights(), render_mode="rgb_array")
     observation, _ = env.reset(seed=2)

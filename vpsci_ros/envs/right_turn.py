@@ -27,7 +27,8 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     A step is the policy period, 0.1 s. An episode terminates on collision, at the vehicle's goal and off the lane, and
     is truncated after `episode_time` (30 s). `reset(seed=...)` starts episode 0 of that seed, each later reset the
-    next one; `options={"scenario": 3, "episode": 17}` starts that episode.
+    next one; `options={"scenario": 3, "episode": 17}` starts that episode. Without any seed, the first reset takes one
+    from the system's entropy.
 
     :param scenarios: numbers, names or files; episodes take them in turn.
     :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force"; or an

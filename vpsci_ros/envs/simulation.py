@@ -2,6 +2,7 @@
 
 import dataclasses
 import operator
+import secrets
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from vpsci_ros.world.tick import NO_ACTIONS, Actions
 from vpsci_ros.world.world_config import PEDESTRIAN_DRIVERS
 
 Floats = NDArray[np.float64]
+_NONE = -1  # for a slot that has no seed yet
 PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay")
 
 
@@ -79,7 +81,7 @@ class Simulation:
             self._learned.load(load_policy(weights) if isinstance(weights, (str, Path)) else weights, 1)
         self._loop = Loop(self.world, agents=agents, always_critical=always_critical)
         self._begun = [0] * batch  # episodes, of each slot
-        self._seeds = [0] * batch
+        self._seeds = [_NONE] * batch
 
     def seed(self, slot: int, seed: int) -> None:
         """Give this slot a new seed: the next `start` of the slot begins episode 0 of `seed`.
@@ -96,8 +98,13 @@ class Simulation:
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
         """Start the next episode of each of these slots, or in all of them `episode`, (scenario, episode number).
 
+        A slot that never had a seed takes one from the system's entropy.
+
         :raises InvalidInput: a scenario that the simulation does not have, or an episode number out of range.
         """
+        for slot in slots:
+            if self._seeds[slot] == _NONE:
+                self.seed(slot, secrets.randbelow(2**63))
         episodes = [episode or self._following(slot) for slot in slots]
         self.world.place(slots, episodes, [self._seeds[slot] for slot in slots])
 

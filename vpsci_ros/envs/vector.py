@@ -62,6 +62,8 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     ) -> tuple[NDArray[np.float32], Infos]:
         """Start an episode in each environment: episode 0 of seed + i in environment i, or the next one without a seed.
 
+        An environment that has no seed yet takes one from the system's entropy.
+
         :raises InvalidInput: any options, a list of seeds of another length, or a seed out of range.
         """
         if options:
