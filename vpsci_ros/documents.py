@@ -5,11 +5,13 @@ billions of values), no tags but the plain ones, no key twice (PyYAML keeps the 
 """
 
 import codecs
+import contextlib
 import json
+import os
 import re
 import reprlib
 import stat
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,8 @@ _FOREIGN = {
     b"[": "JSON: export its rows as CSV",
 }
 """How files of other kinds begin -> what each is, and what to do."""
+OUTPUTS: set[Path] = set()
+"""Files that the running command is to write; no file is read that is one of them, by whatever path."""
 _REPR = reprlib.Repr()
 _REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _REPR.maxlong = 3, 6, 6, 120, 120, 60
 
@@ -143,10 +147,16 @@ def _refuse_bombs(text: str) -> None:
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
-    """YAML writer without aliases, which neither this module nor ROS 2 reads."""
+    """YAML writer without aliases and lone surrogates, which neither this module nor ROS 2 reads."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True
+
+    def represent_str(self, data: str) -> yaml.Node:
+        return super().represent_str(in_utf8(data))
+
+
+_Dumper.add_representer(str, _Dumper.represent_str)
 
 
 def dump_yaml(value: Any) -> str:
@@ -163,7 +173,7 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def require_regular(path: str | Path, most: int = 2**40) -> None:
-    """Refuse a pipe, a device or a socket, and a file of more than `most` bytes.
+    """Refuse a pipe, a device or a socket, a file of more than `most` bytes, and an input that is one of `OUTPUTS`.
 
     A file that is not there, or a folder, is left to what opens it.
 
@@ -177,8 +187,26 @@ def require_regular(path: str | Path, most: int = 2**40) -> None:
         raise InvalidInput(f"{shown(str(path))}: expected the path of a file: {reason(error)}") from None
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise InvalidInput(f"{path}: expected a file, found a pipe, a device or a socket; copy its content to a file")
+    for output in OUTPUTS:
+        if output.exists() and os.path.samestat(output.stat(), status):
+            raise InvalidInput(f"{output}: the output would replace an input, {path}; choose another output path")
     if status.st_size > most:
         raise InvalidInput(f"{path}: {status.st_size / 1e6:,.0f} MB; expected {most / 1e6:,.0f} MB at most")
+
+
+def in_utf8(text: str) -> str:
+    """Return a text in which bytes that are not UTF-8, which a path may have, are escaped; else the text itself."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+@contextlib.contextmanager
+def path_in_utf8(path: str | Path) -> Iterator[str]:
+    """Yield the path of a file to read, for a library in C++ or Rust; where it is not UTF-8, that of the open file."""
+    if in_utf8(str(path)) == str(path):
+        yield str(path)
+        return
+    with Path(path).open("rb") as file:
+        yield f"/proc/self/fd/{file.fileno()}"
 
 
 def foreign(data: bytes) -> str:

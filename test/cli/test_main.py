@@ -2,18 +2,24 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
+import typer
 from synthetic import synthetic_near_misses
 
-from vpsci_ros.cli.main import main
+from vpsci_ros.cli.main import app, main
+from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
+from vpsci_ros.documents import OUTPUTS
 from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.resources import weights_path
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "params"
@@ -50,6 +56,23 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
         assert said in result.stdout + result.stderr
 
 
+def test_a_command_with_closed_or_poor_streams_ends_with_its_status(tmp_path: Path) -> None:
+    bag, ascii_only = tmp_path / os.fsdecode(b"\xff\xc3\xb6"), {**os.environ, "PYTHONIOENCODING": "ascii"}
+    shutil.copytree(ROOT / "bags" / "LocationA_PedCross_E-W", bag)
+    for streams, arguments, status, said in (
+        ("<&- >&- 2>&-", ["--version"], 0, b""),
+        ("2>&-", ["bag", "info", "nowhere"], 2, b""),
+        (">/dev/full", ["--version"], 1, b"error: No space left on device"),
+        ("", ["export", str(bag), "--to", "lanelet2", "-o", f"{bag}-out"], 0, b"\\udcff\\xf6-out/lanelet2, "),
+        ("", ["bag", "info", f"{bag}/x"], 2, b"\\udcff\\xf6/x: no such folder"),
+    ):
+        command = ["sh", "-c", f'exec "$@" {streams}', "sh", sys.executable, "-m", "vpsci_ros.cli", *arguments]
+        ended = subprocess.run(command, capture_output=True, timeout=120, check=False, cwd=ROOT, env=ascii_only)
+        assert ended.returncode == status, (arguments, ended.stderr)
+        assert said in ended.stdout + ended.stderr
+        assert b"Traceback" not in ended.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -69,7 +92,7 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
             "ads_test has no parameter episodes; expected world_simulator.episodes; or give --episodes N",
         ),
         (["bag", "export", "nowhere", "-o", "x"], "nowhere: no such folder"),
-        (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
+        (["demo", "-o", "vpsci_ros"], "not empty: it holds __init__.py, "),
         (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
         (
             ["generate", "--params", "params/stage3_generate.yaml", "-o", "x", "--scenarios", "1,A"],
@@ -116,6 +139,76 @@ def test_every_option_that_names_an_output_file_refuses_a_pipe_before_the_work(
         assert result.returncode == 2, arguments
         assert result.stderr.startswith(f"error: {pipe}: expected a file to write, found a pipe, a device or")
     assert pipe.is_fifo()
+
+
+def test_an_output_that_is_an_input_is_refused_before_the_work_by_whatever_path(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    table, bank, scenario, bag, data = (tmp_path / n for n in ("t.parquet", "p.safetensors", "s.yaml", "bag", "data"))
+    write_near_misses(synthetic_near_misses(4).table, table)
+    shutil.copy(weights_path("people"), bank)
+    shutil.copy(PARAMS / "scenarios" / "LocationA_PedCross_E-W.yaml", scenario)
+    shutil.copytree(ROOT / "bags" / "LocationA_PedCross_E-W", bag)
+    with DatasetWriter(data, {}, {"period": 0.05}) as writer:
+        writer.close(datasheet=lambda _: "of this dataset")
+    link, hard, tensors = (tmp_path / name for name in ("link.parquet", "hard.parquet", "hard.safetensors"))
+    link.symlink_to(table)
+    hard.hardlink_to(table)
+    tensors.hardlink_to(table)
+    mcap = next(bag.glob("*.mcap"))
+    for output, arguments in (
+        (table, ["view", str(table), "-o"]),
+        (link, ["view", str(table), "-o"]),
+        (table, ["view", str(hard), "-o"]),
+        (Path(os.path.relpath(table, ROOT)), ["view", str(link), "-o"]),
+        (mcap, ["view", str(bag), "-o"]),
+        (bag / "metadata.yaml", ["view", str(bag), "-o"]),
+        (data / "README.md", ["view", str(data), "-o"]),
+        (scenario, ["world", "show", str(scenario), "-o"]),
+        (tensors, ["people", str(table), "-o"]),
+        (table, ["evaluate", "--data", str(table), "--json"]),
+        (bank, ["evaluate", "--data", str(table), "--weights", f"own={bank}", "--json"]),
+        (table, ["realism", "--data", str(table), "--json"]),
+        (table, ["realism", "--data", "right_turns/dev", "--library", str(hard), "--json"]),
+    ):
+        files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        result = vpsci(*arguments, str(output))
+        assert (result.returncode, "would replace an input" in result.stderr) == (2, True), (arguments, result.stderr)
+        assert output.name in result.stderr
+        assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == files
+    assert not OUTPUTS
+    for arguments in (
+        ["pretrain", "--params", str(scenario)],
+        ["refine", "--set", f"learner.weights={bank}"],
+        ["ads-test", "--baseline", str(tmp_path)],
+        ["turing", "score", str(bag / "key.json"), str(table)],
+        ["dataset", "merge", "nowhere", str(data)],
+    ):
+        result = vpsci(*arguments, "-o", str(tmp_path))
+        assert f"error: -o {tmp_path}: the output would replace an input, {tmp_path}" in result.stderr, arguments
+
+
+def test_every_option_that_names_an_output_is_checked() -> None:
+    def of(command: Any) -> Iterator[Any]:
+        for child in getattr(command, "commands", {}).values():
+            yield from of(child)
+        if not hasattr(command, "commands"):
+            yield command
+
+    group: Any = typer.main.get_command(app)
+    outputs = [
+        (command, option)
+        for name in group.list_commands(None)
+        for command in of(group.get_command(None, name))
+        for option in command.params
+        if {"-o", "--json"} & set(option.opts) and not option.is_flag
+    ]
+    files = [option for _, option in outputs if "older" not in option.help]
+    folders = [command for command, option in outputs if "older" in option.help]
+    assert len(files) == 6
+    assert len(folders) >= 20
+    assert all(option.callback is not None for option in files)
+    assert all(hasattr(command.callback, "__wrapped__") for command in folders if command.name != "report")
 
 
 @pytest.mark.parametrize("path", sorted(PARAMS.glob("*.yaml")), ids=lambda path: path.name)

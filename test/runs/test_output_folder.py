@@ -85,15 +85,18 @@ def test_what_a_failed_command_left_says_so_until_the_command_succeeds(tmp_path:
     assert [path.name for path in out.iterdir()] == ["half.csv"]
 
 
-def test_what_a_killed_command_left_half_written_is_removed_when_it_succeeds(tmp_path: Path) -> None:
-    half, own = tmp_path / "fold_1" / ".weights.safetensors.a1_b2c3d.part", tmp_path / "mine.part"
-    half.parent.mkdir()
-    half.touch()
-    own.touch()
+def test_a_command_that_succeeds_or_fails_leaves_what_another_wrote_into_its_folder(tmp_path: Path) -> None:
+    others = [tmp_path / name for name in (FAILURE, ".thesis.part", "deep/.report.html.vpsci.part")]
+    (tmp_path / "deep").mkdir()
+    for other in others:
+        other.write_text('{"error": "of another program"}')
     with output_folder(tmp_path):
         pass
-    assert own.exists()
-    assert not half.exists()
+    with pytest.raises(VpsciError), output_folder(tmp_path):
+        raise VpsciError("no room")
+    assert {other.read_text() for other in others} == {'{"error": "of another program"}'}
+    with pytest.raises(InvalidInput, match="not empty"):
+        require_empty_folder(tmp_path)
 
 
 def test_a_refused_command_leaves_no_folder_and_nothing_in_somebody_elses(tmp_path: Path) -> None:

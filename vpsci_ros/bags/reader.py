@@ -136,6 +136,7 @@ def bag_files(path: str | Path) -> list[Path]:
         raise InvalidInput(f"{path}: {_SQLITE}")
     if not files:
         raise InvalidInput(f"{path}: no .mcap file; expected a rosbag2 folder, with files unpacked by zstd -d")
+    require_regular(path / "metadata.yaml")
     for file in files:
         require_regular(file)
         if file.is_dir():

@@ -14,7 +14,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from vpsci_ros import __version__
-from vpsci_ros.documents import dump_yaml
+from vpsci_ros.documents import dump_yaml, in_utf8
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, write_text
 from vpsci_ros.runs.output_folder import FolderLock
@@ -132,12 +132,12 @@ class BagWriter:
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Store a named record of text values, which can be read without the messages; errors as `write`."""
         with self._on_disk():
-            self._writer.add_metadata(name, dict(values))
+            self._writer.add_metadata(name, {key: in_utf8(value) for key, value in values.items()})
             self._flush()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
         """Store a named record of text values in this file and in every one that follows; errors as `write`."""
-        self._described.append((name, dict(values)))
+        self._described.append((name, {key: in_utf8(value) for key, value in values.items()}))
         self.add_metadata(name, values)
 
     def close(self, custom_data: Mapping[str, str]) -> None:

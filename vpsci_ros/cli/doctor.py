@@ -39,7 +39,7 @@ def doctor() -> None:
     print(f"vpsci_ros {importlib.metadata.version('vpsci_ros')}, Python {platform.python_version()}, "
           f"{len(os.sched_getaffinity(0))} cores, {sys.prefix}\n")  # fmt: skip
     for extra, wanted in _extras().items():
-        missing = [name for name in wanted if not _installed(name)]
+        missing = [name for name in wanted if not list(importlib.metadata.Distribution.discover(name=name))]
         state = "missing  " if missing else "installed"
         print(f"  {extra:11s} {state}  {BRINGS.get(extra, '')}")
         if missing and len(missing) < len(wanted):
@@ -71,7 +71,3 @@ def _extras() -> dict[str, list[str]]:
         if extra:
             found[extra[1]].append(re.split(r"[\s<>=!~;\[(]", line)[0])
     return found
-
-
-def _installed(name: str) -> bool:
-    return any(True for _ in importlib.metadata.Distribution.discover(name=name))

@@ -1,5 +1,6 @@
 """The `vpsci` command. Each subcommand imports what it needs when it runs, so that `vpsci --help` is quick."""
 
+import io
 import math
 import os
 import signal
@@ -130,7 +131,6 @@ def node(
     context: typer.Context, name: Annotated[str, typer.Argument(help="Executable, as for `ros2 run vpsci_ros`.")]
 ) -> None:
     """Run one node, as `ros2 run` does, without ROS's tools: vpsci node NAME --ros-args -p batch:=4 ..."""
-    from vpsci_ros.errors import InvalidInput
     from vpsci_ros.nodes.entry import start
     from vpsci_ros.nodes.node_config import EXECUTABLES
 
@@ -203,6 +203,7 @@ def main() -> None:
 
     Exit status: 2 for refused input, 1 for a failure, 130 for an interrupt.
     """
+    _complete_streams()
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a command as Ctrl-C does, with its record
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
     try:
@@ -219,6 +220,18 @@ def main() -> None:
         if not (text := in_words(error)):
             raise
         _end(2 if isinstance(error, ModuleNotFoundError) else 1, f"error: {text}")
+
+
+def _complete_streams() -> None:
+    """Open the standard streams that the caller has closed on /dev/null; print escaped what a terminal cannot show."""
+    while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:  # the next file that is opened would get its number
+        os.set_inheritable(handle, True)
+    os.close(handle)
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if (stream := getattr(sys, name)) is None:
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115 - until the end
+        elif number and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _end(status: int, text: str) -> None:

@@ -2,12 +2,15 @@
 
 import contextlib
 import functools
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
+
+from vpsci_ros.errors import InvalidInput
 
 if TYPE_CHECKING:
     from vpsci_ros.runs.run_config import Sections
@@ -22,15 +25,20 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="Output folder; mus
 Resumable = Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same run.")]
 
 
-def file_to_write(path: Path | None) -> Path | None:
+def file_to_write(context: typer.Context, path: Path | None) -> Path | None:
     """Return the path given for an output file, or refuse it; a callback of `typer.Option`.
+
+    Until the command ends, a file that is read and is the output, by whatever path, is refused, too.
 
     :raises InvalidInput: no file can be written there, which is said before the work begins.
     """
+    from vpsci_ros.documents import OUTPUTS
     from vpsci_ros.runs.files import require_writable
 
     if path is not None:
         require_writable(path)
+        OUTPUTS.add(path)
+        context.call_on_close(lambda: OUTPUTS.discard(path))
     return path
 
 
@@ -82,7 +90,6 @@ def site_of(workers: int | None, cluster: str | None, mixed_cpus: bool, *, defau
     :param default: processes of this machine if nothing is said.
     :raises InvalidInput: they contradict each other.
     """
-    from vpsci_ros.errors import InvalidInput
     from vpsci_ros.runs.workers import ThisMachine
 
     if not cluster:
@@ -100,7 +107,10 @@ def site_of(workers: int | None, cluster: str | None, mixed_cpus: bool, *, defau
 
 
 def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
-    """Lock the folder of a command's parameter `output` while the command runs."""
+    """Lock the folder of a command's parameter `output` while the command runs.
+
+    The command raises `InvalidInput` where another parameter names this folder or a file in it.
+    """
 
     @functools.wraps(command)
     def held(*args: P.args, **given: P.kwargs) -> None:
@@ -108,6 +118,9 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
 
         output: Any = given.get("output")
         status = None
+        for name, value in given.items() if output else ():
+            for each in value if isinstance(value, list) else [value] * (name != "output"):
+                _require_outside(output, str(each).rpartition("=")[2])
         with contextlib.nullcontext() if output is None else output_folder(output):
             try:
                 command(*args, **given)
@@ -117,6 +130,13 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
             raise status
 
     return held
+
+
+def _require_outside(output: Path, given: str) -> None:
+    own, path = output.resolve(), Path(given)
+    exists = os.path.exists(given)  # noqa: PTH110 - Path.exists() raises where the text is too long for a name
+    if exists and own in (path.resolve(), *path.resolve().parents):
+        raise InvalidInput(f"-o {output}: the output would replace an input, {path}; choose another output folder")
 
 
 def of_people(people: str | None) -> list[str]:

@@ -66,7 +66,7 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     if not _run(folder, RunFolder(folder, resolved, files), StageBar("stage 2", quiet), learn):
         return
     print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
-    if not pl.read_csv(folder / LOG)["refreshes"][-1]:
+    if not pl.read_csv((folder / LOG).read_bytes())["refreshes"][-1]:
         print(
             "note: too few episodes for a refresh of the policies (learner.refresh_every), so these acted by the "
             "weights of stage 1 all along",

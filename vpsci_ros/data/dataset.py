@@ -6,7 +6,7 @@ is written: until `close` there are hidden part files. `dataset.json` comes last
 without it is no dataset.
 """
 
-import io
+import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -57,12 +57,10 @@ class EpisodeTable:
     def __init__(self, path: Path, row_group: int, metadata: Mapping[str, Any]) -> None:
         self._path, self._part = path, path.with_name(f".{path.name}.part")
         self._schema = arrow_schema(EPISODE_COLUMNS, metadata)
-        self._file: pq.ParquetWriter | io.BufferedWriter
-        if path.suffix == ".csv":
-            self._file = self._part.open("wb")
+        self._file = self._part.open("wb")
+        self._parquet = None if path.suffix == ".csv" else pq.ParquetWriter(self._file, self._schema, **_ENCODING)
+        if self._parquet is None:
             self._file.write((",".join(EPISODE_COLUMNS) + "\n").encode())
-        else:
-            self._file = pq.ParquetWriter(self._part, self._schema, **_ENCODING)
         self._row_group = row_group
         self._left = self._schema.empty_table()
         self.rows = 0
@@ -79,8 +77,8 @@ class EpisodeTable:
     def _flush(self, rows: pa.Table) -> None:
         if not rows.num_rows:
             return
-        if isinstance(self._file, pq.ParquetWriter):
-            self._file.write_table(rows.combine_chunks())
+        if self._parquet is not None:
+            self._parquet.write_table(rows.combine_chunks())
         else:
             as_polars(rows).write_csv(self._file, include_header=False)
         self.rows += rows.num_rows
@@ -88,15 +86,20 @@ class EpisodeTable:
     def close(self) -> tuple[Path, int]:
         """Finish the file, give it its final name, and return its path and its number of rows."""
         self._flush(self._left)
-        self._file.close()
+        self._end()
         self._part.replace(self._path)
         return self._path, self.rows
 
     def discard(self) -> None:
         """Remove the part file, or the finished file."""
-        self._file.close()
+        self._end()
         self._part.unlink(missing_ok=True)
         self._path.unlink(missing_ok=True)
+
+    def _end(self) -> None:
+        with contextlib.closing(self._file):
+            if self._parquet is not None:
+                self._parquet.close()
 
 
 class DatasetWriter:

@@ -24,7 +24,7 @@ from vpsci_ros.data.dataset_tables import (
 )
 from vpsci_ros.data.episode import QUANTITIES, Episode, Key, Listed
 from vpsci_ros.data.parquet import open_parquet, read_bounded, read_metadata, read_parquet
-from vpsci_ros.documents import read_json, reason, require_form, require_regular
+from vpsci_ros.documents import path_in_utf8, read_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.world import Scenario
@@ -42,6 +42,8 @@ class Dataset:
         self.description = self._describe()
         self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
         self.period = float(self.description["period"])
+        for name in self.description["files"]:
+            require_regular(self.folder / name)  # also those that no caller reads
 
     def _describe(self) -> dict[str, Any]:
         path = self.folder / DESCRIPTION
@@ -162,7 +164,8 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
     require_regular(path)
     try:
         if path.suffix == ".csv":
-            yield pl.read_csv(path, schema=_SCHEMA)
+            with path_in_utf8(path) as name:
+                yield pl.read_csv(name, schema=_SCHEMA)
             return
         with open_parquet(path) as file:
             for group in range(file.num_row_groups):

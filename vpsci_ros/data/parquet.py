@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from vpsci_ros.documents import parse_json, reason, refuse_pointer, require_form, require_regular
+from vpsci_ros.documents import parse_json, path_in_utf8, reason, refuse_pointer, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write
 
@@ -85,12 +85,13 @@ def open_parquet(path: str | Path) -> pq.ParquetFile:
     :raises ValueError: a column holds neither numbers, times nor texts.
     """
     texts = []
-    for field in pq.read_schema(path):
-        if any(holds(field.type) for holds in _TEXTS):
-            texts.append(field.name)
-        elif pa.types.is_nested(field.type) or pa.types.is_fixed_size_binary(field.type):
-            raise ValueError(f"column {field.name} is of type {field.type}; expected numbers, times or texts")
-    return pq.ParquetFile(path, page_checksum_verification=True, read_dictionary=texts)
+    with path_in_utf8(path) as name:
+        for field in pq.read_schema(name):
+            if any(holds(field.type) for holds in _TEXTS):
+                texts.append(field.name)
+            elif pa.types.is_nested(field.type) or pa.types.is_fixed_size_binary(field.type):
+                raise ValueError(f"column {field.name} is of type {field.type}; expected numbers, times or texts")
+        return pq.ParquetFile(name, page_checksum_verification=True, read_dictionary=texts)
 
 
 def read_bounded(file: pq.ParquetFile, group: int | None = None) -> pl.DataFrame:
@@ -151,7 +152,8 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     """
     require_regular(path)
     try:
-        stored = (pq.read_schema(path).metadata or {}).get(METADATA_KEY)
+        with path_in_utf8(path) as name:
+            stored = (pq.read_schema(name).metadata or {}).get(METADATA_KEY)
     except (pa.ArrowException, OSError) as error:
         raise InvalidInput(f"{path}: not readable as Parquet: {reason(error)}") from error
     values = parse_json(stored, f"{path}, metadata") if stored else {}

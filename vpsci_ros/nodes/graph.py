@@ -18,7 +18,7 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.data.near_misses import corpus_files
-from vpsci_ros.documents import dump_yaml
+from vpsci_ros.documents import dump_yaml, in_utf8
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.training_config import LearnerConfig, require_learnable
 from vpsci_ros.nodes import failures
@@ -94,6 +94,9 @@ def run_graph(
     require_security()
     resolved = resolve(sections, Path(folder))
     _require_sources(resolved)
+    values = [Path(folder), *(value for own in resolved.values.values() for value in own.values())]
+    if odd := next((value for value in values if in_utf8(str(value)) != str(value)), None):
+        raise InvalidInput(f"{odd}: not in UTF-8, as ROS 2 expects its parameters; give another path")
     hashes = {name: sha256(path) for name, path in sorted(_weights(resolved).items())}
     chosen = resolved.get(GraphConfig, "graph")
     begun = time.monotonic()

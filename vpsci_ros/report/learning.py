@@ -36,15 +36,20 @@ def save_learning(folder: str | Path) -> Path | None:
     folder = Path(folder)
     figure, axes = new_figure(11.0, 7.0, 2, 2)
     if (folder / online.LOG).exists():
-        log, episodes = (pl.read_csv(folder / name, infer_schema_length=None) for name in (online.LOG, online.EPISODES))
+        log, episodes = map(read_log, (folder / online.LOG, folder / online.EPISODES))
         _draw_stage_2(axes.ravel().tolist(), log, episodes, _held_out(folder / refine.WEIGHTS))
     elif (folder / pretrain.LOG).exists():
-        log = pl.read_csv(folder / pretrain.LOG, infer_schema_length=None)
+        log = read_log(folder / pretrain.LOG)
         _draw_stage_1(axes.ravel().tolist(), log)
     else:
         return None
     save_png(figure, folder / PICTURE, 110)
     return folder / PICTURE
+
+
+def read_log(path: Path) -> pl.DataFrame:
+    """Return the table of a run's CSV file."""
+    return pl.read_csv(path.read_bytes(), infer_schema_length=None)  # polars opens paths in UTF-8 alone
 
 
 def draw_rewards(axis: Axes, episodes: pl.DataFrame) -> None:

@@ -1,7 +1,7 @@
 """A check of recordings before their import: near misses as a picture, and sizes, speeds and extent of all tracks."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -78,20 +78,17 @@ def _draw_near_misses(axes: Sequence[Axes], table: pl.DataFrame) -> int:
 
 def _draw_pairs(axes: Sequence[Axes], clips: Sequence[Clip]) -> int:
     """Draw the first vehicles and pedestrians that are there at the same time; return how many pairs."""
+    pairs = ((clip.name, car, one) for clip in clips for car in clip.vehicles for one in clip.pedestrians)
     count = 0
-    for axis, (name, car, one) in zip(axes, _pairs(clips), strict=False):
+    for axis, (name, car, one) in zip(axes, (each for each in pairs if _together(*each[1:])), strict=False):
         vehicle, walker = (np.column_stack([track.values["x"], track.values["y"]]) for track in (car, one))
         _draw(axis, vehicle, walker, f"{name}: no near miss, {car.name or car.number} and {one.name or one.number}")
         count += 1
     return count
 
 
-def _pairs(clips: Sequence[Clip]) -> Iterator[tuple[str, Track, Track]]:
-    for clip in clips:
-        for car in clip.vehicles:
-            for one in clip.pedestrians:
-                if car.first <= one.last and one.first <= car.last:
-                    yield clip.name, car, one
+def _together(car: Track, one: Track) -> bool:
+    return car.first <= one.last and one.first <= car.last
 
 
 def _draw(axis: Axes, vehicle: Floats, walker: Floats, title: str) -> None:

@@ -10,12 +10,8 @@ from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
 from vpsci_ros.runs.text_table import quartiles_text, short_name, text_table
 
 
-def print_rejections(folder: str | Path, console: Console) -> None:
-    """Print how many episodes were rejected, and how many of these collided, by the first failed condition.
-
-    The conditions are those of the paper's section 3.3.
-    """
-    data = Dataset(folder)
+def _print_rejections(data: Dataset, console: Console) -> None:
+    """Print how many episodes were rejected, and how many of these collided, by the first condition of section 3.3."""
     counts = list(data.scenarios.values())
     rows = []
     for reason in REASONS[1:]:
@@ -37,7 +33,7 @@ def print_info(folder: str | Path, console: Console) -> None:
     if warning := data.warning():
         console.print(f"note: counts are those of the files as written. {warning}", soft_wrap=True, markup=False)
     _print_table_10(data, console)
-    print_rejections(folder, console)
+    _print_rejections(data, console)
     total, kept = data.description["all"], sum(row["kept"] for row in data.scenarios.values())
     early = total["with_early_collisions"]
     collided = sum(row["kept_outcomes"]["collision"] for row in data.scenarios.values())

@@ -1,18 +1,20 @@
 """Atomic file writes, empty output folders, and the hash of a file."""
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import os
-import tempfile
-from collections.abc import Iterator, Mapping
+import secrets
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.documents import require_regular
+from vpsci_ros.documents import OUTPUTS, in_utf8, listed, read_json, require_regular
 from vpsci_ros.errors import InvalidInput
 
 FAILURE = "failed.json"  # why a command left a folder unfinished
+_PART = ".vpsci.part"  # how a file's name ends until the file is whole
 
 
 def sha256(path: str | Path) -> str:
@@ -38,28 +40,41 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.
 
     Content and name are on the disk when this returns, so a crash or a power cut leaves the old file or the new one.
-    A process that is killed leaves a hidden file `.NAME.*.part`; the next command in an output folder removes it.
+    A process that is killed leaves a hidden file `.NAME.vpsci.part`, which the next write of NAME takes over.
 
     :raises InvalidInput: see `require_writable`.
     """
     path = Path(path)
     require_writable(path)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    temporary = Path(name)
+    temporary, handle = _part_of(path)
     try:
-        os.close(handle)
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
+        yield temporary if in_utf8(str(path)) == str(path) else Path(f"/proc/self/fd/{handle}")  # see `path_in_utf8`
         _to_disk(temporary)
         temporary.replace(path)
+        OUTPUTS.discard(path)
         _to_disk(path.parent)
-    except OSError as error:
-        error.filename = error.filename or str(path)  # a full disk names no file
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = error.filename or str(path)  # a full disk names no file
         raise
     finally:
-        temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _part_of(path: Path) -> tuple[Path, int]:
+    """Return a hidden file beside `path`, that of a killed process or a new one, and its handle with a lock."""
+    own = path.with_name(f".{path.name}{_PART}")
+    with contextlib.ExitStack() as stack, contextlib.suppress(OSError):
+        handle = os.open(own, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        stack.callback(os.close, handle)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(handle), own.stat()):  # its writer did not rename it meanwhile
+            os.ftruncate(handle, 0)
+            stack.pop_all()
+            return own, handle
+    own = path.with_name(f".{path.name}.{secrets.token_hex(6)}{_PART}")
+    return own, os.open(own, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
 
 
 def require_writable(path: Path) -> None:
@@ -72,15 +87,10 @@ def require_writable(path: Path) -> None:
         raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
     if path.is_dir():
         raise InvalidInput(f"{path}: expected a file to write, found a folder; give the name of a file")
-    if path.is_symlink() and {path.parent.resolve().parts[:2], path.readlink().parts[:2]} & {("/", "proc")}:
-        raise InvalidInput(
-            f"{path}: expected a file to write, found an open file of a process; give the name of a file"
-        )
-    if path.exists() and not path.is_file():
-        raise InvalidInput(
-            f"{path}: expected a file to write, found a pipe, a device or a socket, which a file would replace; give "
-            "the name of a file"
-        )
+    handle = path.is_symlink() and {path.parent.resolve().parts[:2], path.readlink().parts[:2]} & {("/", "proc")}
+    if handle or (path.exists() and not path.is_file()):
+        what = "an open file of a process" if handle else "a pipe, a device or a socket, which a file would replace"
+        raise InvalidInput(f"{path}: expected a file to write, found {what}; give the name of a file")
 
 
 def _to_disk(path: Path) -> None:
@@ -94,7 +104,7 @@ def _to_disk(path: Path) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write `text` as `path`, whole or not at all; errors as `atomic_write`."""
     with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # of names that are not UTF-8
 
 
 def write_json(path: str | Path, values: Any) -> None:
@@ -102,20 +112,35 @@ def write_json(path: str | Path, values: Any) -> None:
     write_text(path, json.dumps(values, indent=2) + "\n")
 
 
+def is_failure(path: Path) -> bool:
+    """Return whether a file is the `FAILURE` of a command of this package."""
+    with contextlib.suppress(InvalidInput):
+        found = read_json(path) if path.name == FAILURE else None
+        return isinstance(found, dict) and {"error", "inputs_sha256"} <= found.keys()
+    return False
+
+
 def is_empty_folder(path: Path) -> bool:
     """Return whether a folder holds nothing but `FAILURE`, the file of a command that failed."""
-    return all(inside.name == FAILURE for inside in path.iterdir())
+    return not _foreign(path, ())
 
 
-def require_empty_folder(path: str | Path) -> Path:
-    """Return the empty folder `path`, created if it did not exist; refuse a folder that is not empty.
+def _foreign(path: Path, names: Iterable[str]) -> list[str]:
+    return sorted(each.name for each in path.iterdir() if not (is_failure(each) or any(map(each.match, names))))
 
-    :raises InvalidInput: it exists and holds anything but `FAILURE`, or is not a folder.
+
+def require_empty_folder(path: str | Path, *names: str) -> Path:
+    """Return the folder `path`, created if it did not exist; refuse a folder that is not empty.
+
+    :param names: of files that it may hold, or patterns of a shell: those that the same command writes.
+    :raises InvalidInput: it exists and holds anything but these files and `FAILURE`, or is not a folder.
     """
     path = Path(path)
     if path.exists() and not path.is_dir():
         raise InvalidInput(f"{path}: expected a folder for the output, found a file; choose another path")
-    if path.is_dir() and not is_empty_folder(path):
-        raise InvalidInput(f"{path}: the output folder is not empty; choose another one or empty it first")
     path.mkdir(parents=True, exist_ok=True)
+    if found := _foreign(path, (*names, f".*{_PART}") if names else ()):
+        raise InvalidInput(
+            f"{path}: the output folder is not empty: it holds {listed(found)}; choose another one or empty it first"
+        )
     return path

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.runs.files import FAILURE, is_empty_folder, require_empty_folder
+from vpsci_ros.runs.files import FAILURE, is_empty_folder, is_failure, require_empty_folder
 from vpsci_ros.runs.record import RUN_RECORD, read_record, write_record
 
 _LOCKED: set[Path] = set()  # the folders that this process has locked
@@ -60,8 +60,8 @@ def output_folder(path: Path) -> Iterator[None]:
     """Lock the folder that a command writes, and mark the folder if the command fails.
 
     The mark, `FAILURE` with the reason, is written where no record describes the failure, and removed when the same
-    command succeeds, with what an earlier one left half written when it was killed. Refused input leaves no mark in a
-    folder that held something before. A new folder that stays empty is removed again.
+    command succeeds. Refused input leaves no mark in a folder that held something before. A new folder that stays empty
+    is removed again.
 
     :raises InvalidInput: see `FolderLock`.
     :raises VpsciError: the folder was deleted or moved meanwhile.
@@ -72,9 +72,8 @@ def output_folder(path: Path) -> Iterator[None]:
         yield
         if not path.is_dir():
             raise VpsciError(f"{path}: this folder was deleted or moved while it was being written")
-        (path / FAILURE).unlink(missing_ok=True)
-        for part in path.rglob(".*.part"):  # of a process that was killed
-            part.unlink(missing_ok=True)
+        if is_failure(path / FAILURE):
+            (path / FAILURE).unlink()
     except BaseException as error:
         refused = isinstance(error, InvalidInput) and not empty
         if path.is_dir() and not (refused or is_empty_folder(path)):
@@ -88,6 +87,7 @@ def output_folder(path: Path) -> Iterator[None]:
 
 def _mark(folder: Path, begun: float, error: str) -> None:
     record = read_record(folder / RUN_RECORD)
-    if record is None or not record["error"]:
+    foreign = (folder / FAILURE).exists() and not is_failure(folder / FAILURE)
+    if not foreign and (record is None or not record["error"]):
         with contextlib.suppress(OSError, VpsciError):
             write_record(folder / FAILURE, begun=begun, error=error, results={}, inputs={})

@@ -13,7 +13,6 @@ import numpy as np
 
 from vpsci_ros.bags.episodes import bag_episodes, read_bag_episodes
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
@@ -24,7 +23,6 @@ from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.view.pack import LIMIT, Source, shown
-from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 
 EXPECTED = "expected a near-miss table (Parquet), the folder of a dataset, a bag or the folder of an exam"
@@ -39,7 +37,6 @@ class EpisodeSource:
     :ivar kind: "recorded", "generated", "bag" or "exam".
     :ivar period: time from one frame to the next [s].
     :ivar listed: all episodes without their motion, in order.
-    :ivar scenarios: the user's own scenarios, as the source holds them.
     :ivar reader: yields the episodes of these names.
     """
 
@@ -47,7 +44,6 @@ class EpisodeSource:
     kind: str
     period: float
     listed: Sequence[Listed]
-    scenarios: Sequence[Scenario]
     reader: Callable[[Collection[str]], Iterator[Episode]]
 
     @property
@@ -113,7 +109,7 @@ def open_source(path: str | Path) -> EpisodeSource:
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
     if (path / DESCRIPTION).is_file():
         dataset = Dataset(path)
-        return EpisodeSource(path, "generated", dataset.period, dataset.listed(), dataset.own_scenarios, dataset.read)
+        return EpisodeSource(path, "generated", dataset.period, dataset.listed(), dataset.read)
     if path.suffix in _OF_A_BAG[:2] or (path.is_dir() and any(map(_of_a_bag, path.iterdir()))):
         return _bag(path)
     if path.is_dir():
@@ -121,7 +117,7 @@ def open_source(path: str | Path) -> EpisodeSource:
     path = path / part
     table = read_near_misses(path)
     return EpisodeSource(
-        path, "recorded", STEP, recorded_list(table), (), partial(recorded_episodes, table, source=str(path))
+        path, "recorded", STEP, recorded_list(table), partial(recorded_episodes, table, source=str(path))
     )
 
 
@@ -141,7 +137,7 @@ def _bag(path: Path) -> EpisodeSource:
 
     period = next(read_bag(bag)).period
     listed = [one.listed for one in found]
-    return EpisodeSource(path, "bag", period, listed, scenarios_of(bag, own=True), read)
+    return EpisodeSource(path, "bag", period, listed, read)
 
 
 def spread(total: int, limit: int) -> list[int]:

@@ -33,6 +33,20 @@ def test_the_same_export_again_writes_what_was_damaged_and_another_one_is_refuse
         export(own_bag, ["lanelet2"], out, episodes="4")
 
 
+def test_a_file_of_another_is_never_deleted(own_bag, tmp_path):
+    out, notes = tmp_path / "out", tmp_path / "out" / "lanelet2" / "deep" / "notes.txt"
+    export(own_bag, ["lanelet2"], out)
+    (out / "lanelet2" / ".unfinished").mkdir()  # of an export that was killed
+    notes.parent.mkdir()
+    notes.write_text("mine")
+    next((out / "lanelet2").glob("*.osm")).write_bytes(b"")
+    assert export(own_bag, ["lanelet2"], out) == {"lanelet2": 2}
+    assert notes.read_text() == "mine"
+    (out / "other").mkdir()
+    with pytest.raises(InvalidInput, match="not empty: it holds other; choose another"):
+        export(own_bag, ["lanelet2"], out)
+
+
 def test_a_missing_library_is_named_with_the_command_that_installs_it(own_bag, tmp_path, monkeypatch):
     for name in [
         name for name in sys.modules if name.startswith(("vpsci_ros.extras.formats.open", "scenariogeneration"))

@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_csv, require_columns
-from vpsci_ros.documents import shown
+from vpsci_ros.documents import require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
@@ -115,6 +115,7 @@ def _read_index(path: Path) -> pl.DataFrame:
 
 def _read_events(path: Path) -> list[_Event]:
     """Return the events of one file, in its order; missing values are NaN."""
+    require_regular(path)
     try:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:

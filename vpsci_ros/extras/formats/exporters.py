@@ -11,12 +11,14 @@ from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput, packages_of
 from vpsci_ros.exam.view import is_exam, open_exam
 from vpsci_ros.resources import near_misses_part
+from vpsci_ros.runs.files import require_empty_folder
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.runs.run_config import Sections
-from vpsci_ros.runs.run_folder import PARAMETERS, RunFolder
+from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.view.episode_sources import open_source
 
 VEHICLES = ("controllable", "trajectory")
+_UNFINISHED = ".unfinished"  # folder of an export, until it is whole
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Exporter:
     """A format of episodes that `vpsci export` writes.
 
     :ivar module: its function `write(episodes, folder, options) -> number of files` is called, with the episodes of
-        one source in order and a folder that holds nothing but the run's parameters.
+        one source in order and an empty folder.
     :ivar extra: of this package, whose libraries the module imports; empty: none.
     """
 
@@ -85,8 +87,9 @@ def export(
 
     :param source: of episodes (`vpsci_ros.view.episode_sources`), or the folder of an exam.
     :param episodes: only those whose number, name or label is in this list with commas; empty: all.
-    :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
-        `folder`/FORMAT holds anything else than what the same command wrote; only formats named before it are written.
+    :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode,
+        `folder` holds anything but folders of formats, or `folder`/FORMAT anything else than what the same command
+        wrote; only formats named before it are written.
     """
     if options.vehicle not in VEHICLES:
         raise InvalidInput(f"vehicle {options.vehicle!r}: expected {' or '.join(VEHICLES)}")
@@ -100,6 +103,7 @@ def export(
     root, _ = near_misses_part(source)
     inputs = [root] if root.is_file() else sorted(path for path in root.rglob("*") if path.is_file())
     given = {"source": str(source), "episodes": chosen} | asdict(options)
+    require_empty_folder(folder, *EXPORTERS.names())
     counts = {}
     for name, write in writers.items():
         run = RunFolder(Path(folder, name), Sections({"export": given}), inputs)
@@ -107,10 +111,12 @@ def export(
         if run.done:
             continue
         with run:
-            for path in Path(folder, name).iterdir():  # what the same command left there, stopped or damaged
-                if path.is_dir():
-                    shutil.rmtree(path)
-                elif path.name != PARAMETERS:
-                    path.unlink()
-            run.results["files"] = counts[name] = write(found.read(chosen), Path(folder, name), options)
+            unfinished = Path(folder, name, _UNFINISHED)
+            shutil.rmtree(unfinished, ignore_errors=True)
+            unfinished.mkdir()
+            run.results["files"] = counts[name] = write(found.read(chosen), unfinished, options)
+            for path in [path for path in unfinished.rglob("*") if not path.is_dir()]:
+                (target := Path(folder, name, path.relative_to(unfinished))).parent.mkdir(parents=True, exist_ok=True)
+                path.replace(target)
+            shutil.rmtree(unfinished)
     return counts

@@ -122,7 +122,7 @@ def _read(path: Path) -> pl.DataFrame:
         )
     try:
         rows = pl.read_csv(
-            path,
+            path.read_bytes(),
             has_header=False,
             skip_rows=1,
             new_columns=header,

@@ -156,7 +156,7 @@ def models(
 @writes_folder
 def paper(
     dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],
     near_misses: Annotated[
         Path, typer.Option(metavar="TABLE", help="Recorded near misses: right_turns, a Parquet file, a part of one.")
     ] = Path(RIGHT_TURNS),
@@ -220,7 +220,7 @@ def make(
 def score(
     key: Annotated[Path, typer.Argument(metavar="KEY", help="key.json of `vpsci turing make`.")],
     answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],
 ) -> None:
     """Write Table 11 and Figure 10 beside the paper's values."""
     from vpsci_ros.extras.paper.turing.answers import read_answers

@@ -24,7 +24,8 @@ safety_app = typer.Typer(
 def report(
     folder: Folder,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder to write into; default: DIR/report.")
+        Path | None,
+        typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command; default: DIR/report."),
     ] = None,
     near_misses: Annotated[
         Path,

@@ -22,10 +22,11 @@ from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
 from vpsci_ros.report import html
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.resources import near_misses_path
-from vpsci_ros.runs.files import sha256, write_text
+from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
 from vpsci_ros.runs.provenance import software_versions
 
 PAGE, NUMBERS, TABLE, VIEW = "report.html", "report.json", "report.md", "view.html"
+PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
 GENERATED, RECORDED, CLEAN, BESIDE = "generated", "recorded", "recorded_clean", "beside"
 TITLES = {
     GENERATED: "generated",
@@ -50,7 +51,7 @@ def write_report(
     :param near_misses: recorded ones to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
     :param notify: called with what is being done.
-    :raises InvalidInput: an input cannot be read or holds nothing.
+    :raises InvalidInput: an input cannot be read or holds nothing, or `output` holds anything but such a report.
     """
     notify("reading")
     data, titles = Dataset(folder), dict(TITLES)
@@ -71,7 +72,7 @@ def write_report(
     for name, table in sources.items():
         if not table.height:
             raise InvalidInput(f"{titles[name]}: no interaction with CurvTTC of 5 s or less; nothing to report")
-    output.mkdir(parents=True, exist_ok=True)
+    require_empty_folder(output, PAGE, NUMBERS, TABLE, VIEW, *(f"{name}.png" for name in PICTURES))
     notify("resampling")
     report = _numbers(data, sources, {name: units_in(table).name for name, table in tables.items()})
     report["critical_shares"] = critical_shares(near_misses)
@@ -160,8 +161,7 @@ def _inputs(data: Dataset, near_misses: Path, beside: Dataset | None) -> dict[st
 
 def _draw(data: Dataset, sources: Mapping[str, pl.DataFrame], output: Path) -> dict[str, Path]:
     titled = {TITLES[name]: table for name, table in sources.items()}
-    names = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
-    paths = {name: output / f"{name}.png" for name in names}
+    paths = {name: output / f"{name}.png" for name in PICTURES}
     save_trajectories(typical_episodes(data), paths["trajectories"])
     save_nearness(titled, paths["nearness"])
     save_conflicts(titled, paths["conflicts"])

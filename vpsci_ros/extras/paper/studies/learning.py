@@ -113,7 +113,7 @@ class _Sizes:
         if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
             stage_1.pretrain(subset, self.config, self.network, seed=self.seed, out_dir=folder, report=report)
         weights = load_weights(folder / stage_1.WEIGHTS)
-        log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * self.config.episodes)))
+        log = pl.read_csv((folder / stage_1.LOG).read_bytes()).tail(max(1, int(LAST * self.config.episodes)))
         names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
         values: dict[str, Any] = {name: log[name].mean() for name in names}
         if self.held_out is None or size > self.most:

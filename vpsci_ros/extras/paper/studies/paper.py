@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 from matplotlib.axes import Axes
 
 from vpsci_ros.data.dataset_reader import Dataset
@@ -30,10 +29,10 @@ from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
 from vpsci_ros.learning import online
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png, show_all
-from vpsci_ros.report.learning import draw_rewards
+from vpsci_ros.report.learning import draw_rewards, read_log
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground
-from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.files import require_empty_folder, write_text
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.paths import Path as Line
 from vpsci_ros.world.scenario import shipped_scenarios
@@ -75,9 +74,10 @@ def write_paper(
     :param near_misses: recorded ones, see `read_near_misses`.
     :param rules: a dataset of the rule-based pair.
     :param runs: folders of finished runs of the commands in `RUNS`.
-    :raises InvalidInput: an input cannot be read, or a folder of `runs` holds nothing that this page shows.
+    :raises InvalidInput: an input cannot be read, or a folder of `runs` holds nothing that this page shows,
+        or `output` holds anything but such a page.
     """
-    output.mkdir(parents=True, exist_ok=True)
+    require_empty_folder(output, PAGE, NUMBERS, *(f"{name}.png" for name in CAPTIONS))
     found = _of_runs(runs)
     notify("reading")
     data = Dataset(dataset)
@@ -142,7 +142,7 @@ def _of_runs(runs: Sequence[Path]) -> dict[str, Path]:
 
 
 def _table(path: Path) -> Any:
-    return read_json(path) if path.suffix == ".json" else pl.read_csv(path, infer_schema_length=None).to_dicts()
+    return read_json(path) if path.suffix == ".json" else read_log(path).to_dicts()
 
 
 def save_locations(scenarios: Sequence[Scenario], path: str | Path) -> None:
@@ -177,5 +177,5 @@ def _draw_arrow(axis: Axes, line: Line, left: float, colour: str, name: str) -> 
 def save_rewards(episodes: Path, path: Path) -> None:
     """Draw Figure 6 from `online.EPISODES` of a run of stage 2: the rolling mean of an episode's reward, by agent."""
     figure, ((axis,),) = new_figure(6.5, 3.8)
-    draw_rewards(axis, pl.read_csv(episodes, infer_schema_length=None))
+    draw_rewards(axis, read_log(episodes))
     save_png(figure, path)

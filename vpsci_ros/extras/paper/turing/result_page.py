@@ -11,7 +11,7 @@ from vpsci_ros.extras.paper.turing.clips import CONTROL, GENERATED, RECORDED, SO
 from vpsci_ros.extras.paper.turing.score import MARGIN, score
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png
-from vpsci_ros.runs.files import write_json
+from vpsci_ros.runs.files import require_empty_folder, write_json
 
 PAGE, NUMBERS, FIGURE = "turing.html", "turing.json", "figure_10.png"
 NAMES = {RECORDED: "recorded", GENERATED: "generated", CONTROL: "rule-based pair"}
@@ -19,8 +19,11 @@ _COLOURS = {RECORDED: "#08519c", GENERATED: "#b34700", CONTROL: "#777777"}
 
 
 def write_result(answers: Answers, folder: Path) -> dict[str, Any]:
-    """Write turing.html, turing.json and figure_10.png into `folder` and return the numbers."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write turing.html, turing.json and figure_10.png into `folder` and return the numbers.
+
+    :raises InvalidInput: `folder` holds anything else.
+    """
+    require_empty_folder(folder, PAGE, NUMBERS, FIGURE)
     result = score(answers)
     write_json(folder / NUMBERS, result)
     save_figure(answers, folder / FIGURE)
