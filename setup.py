@@ -205,7 +205,7 @@ class InstallData(install_data):
 def data_files():
     """Return the (folder, files) pairs of share/: the package's marker and manifest, and what its folders hold."""
     folders = {f"share/{NAME}": ["package.xml"], "share/ament_index/resource_index/packages": [f"resource/{NAME}"]}
-    launch = ("launch/*.launch.py", "params/**/*.yaml", "params/*.xml", "rviz/*.rviz", "urdf/*.urdf")
+    launch = ("launch/*.launch.py", "params/**/*.yaml", "params/*/*.json", "params/*.xml", "rviz/*.rviz", "urdf/*.urdf")
     for pattern in (*launch, "msg_defs/msg/*.msg"):
         for path in sorted(HERE.glob(pattern)):
             relative = path.relative_to(HERE)

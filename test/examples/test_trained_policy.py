@@ -65,8 +65,8 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
             for _ in range(example.HOLD):
                 np.testing.assert_allclose(by_class.act(seen), expected, atol=1e-6)
                 seen = SimpleNamespace(of_environment=partial(np.zeros, 21))  # at which it holds its action
-            state: Any = env._simulation.world.state.copy()
-            most_critical.add((seed, int(env._last.state["pedestrian"][0])))
+            state: Any = env._one._simulation.world.state.copy()
+            most_critical.add((seed, int(env._one._last.state["pedestrian"][0])))
             state["table"], state["route_s"] = 0, 0.0  # which no message tells
             np.testing.assert_allclose(driver.control(state), expected, atol=1e-5)
             observation, _, ended, cut, _ = env.step(action)

@@ -20,18 +20,9 @@ require("gymnasium")
 import gymnasium  # noqa: E402
 
 ENV_ID = "vpsci_ros/RightTurn-v0"
-
-
-def register() -> None:
-    """Register `ENV_ID` with Gymnasium; the import of this package calls it."""
-    if ENV_ID not in gymnasium.registry:
-        gymnasium.register(
-            id=ENV_ID,
-            entry_point="vpsci_ros.envs.right_turn:RightTurnEnv",
-            vector_entry_point="vpsci_ros.envs.vector:RightTurnVectorEnv",
-        )
-
-
-register()
-
-__all__ = ["ENV_ID", "register"]
+if ENV_ID not in gymnasium.registry:
+    gymnasium.register(
+        id=ENV_ID,
+        entry_point="vpsci_ros.envs.right_turn:RightTurnEnv",
+        vector_entry_point="vpsci_ros.envs.vector:RightTurnVectorEnv",
+    )

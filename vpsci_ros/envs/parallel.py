@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from vpsci_ros.envs.rendering import Views
-from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
-from vpsci_ros.envs.simulation import Simulation, Snapshot
+from vpsci_ros.envs.simulation import Simulation, Snapshot, chosen_episode
 from vpsci_ros.learning.training_config import RewardsConfig
-from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION, TIMEOUT, WorldConfig
+from vpsci_ros.world import COLLISION, GOAL, PARKED_COLLISION, TIMEOUT, WorldConfig
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
 from vpsci_ros.world.tick import Actions
 
@@ -52,7 +51,6 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         render_mode: str | None = None,
         pedestrian_gain: float = 1.0,
     ) -> None:
-        check_render_mode(render_mode)
         self.render_mode = render_mode
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
@@ -60,7 +58,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         self._simulation = Simulation(
             scenarios, 1, vehicle="policy", pedestrian="policy", config=config, always_critical=True
         )
-        self._views = Views(self._simulation.scenarios)
+        self._views = Views(self._simulation.scenarios, render_mode)
         self._observation_space = spaces.Box(-BOUND, BOUND, (OBSERVATION_SIZE,), np.float32)
         self._action_space = spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (ACTION_SIZE,), np.float32)
         self._last: Snapshot | None = None
@@ -86,7 +84,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         self._simulation.start([0], chosen_episode(known))
         self.agents = list(AGENTS)
         self._last = self._simulation.now()
-        return self._observations(), self._infos()
+        return self._seen(self._last)
 
     def step(
         self, actions: dict[str, NDArray[np.float32]]
@@ -105,35 +103,19 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         truncated = bool(after["outcome"] == TIMEOUT)
         if terminated or truncated:
             self.agents = []
-        return (
-            self._observations(),
-            reward,
-            dict.fromkeys(AGENTS, terminated),
-            dict.fromkeys(AGENTS, truncated),
-            self._infos(),
-        )
+        observations, infos = self._seen(self._last)
+        return observations, reward, dict.fromkeys(AGENTS, terminated), dict.fromkeys(AGENTS, truncated), infos
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"; otherwise None."""
-        if self.render_mode is None or self._last is None:
-            return None
-        return self._views.image(self._last.state[0])
+        pictures = self._views.images(self._last)
+        return None if pictures is None else pictures[0]
 
-    def _observations(self) -> Observations:
-        assert self._last is not None
-        pair = observe(self._last.state)
-        return {agent: np.clip(rows[0], -BOUND, BOUND) for agent, rows in zip(AGENTS, pair, strict=True)}
-
-    def _infos(self) -> dict[str, dict[str, Any]]:
-        assert self._last is not None
-        record = self._last.state[0]
-        info = {
-            "scenario": int(record["scenario"]),
-            "episode_number": int(record["episode"]),
-            "outcome": OUTCOME_NAMES[record["outcome"]],
-            "curvttc": float(self._last.curvttc[0]),
-        }
-        return {agent: dict(info) for agent in AGENTS}
+    @staticmethod
+    def _seen(last: Snapshot) -> tuple[Observations, dict[str, dict[str, Any]]]:
+        pairs = zip(AGENTS, observe(last.state), strict=True)
+        observations = {agent: np.clip(rows[0], -BOUND, BOUND) for agent, rows in pairs}
+        return observations, {agent: last.info() for agent in AGENTS}
 
 
 def parallel_env(**kwargs: Any) -> VehiclePedestrianEnv:

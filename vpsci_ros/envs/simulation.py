@@ -5,6 +5,7 @@ import operator
 import secrets
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import AGENT_TYPES, make_agent
 from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
-from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios
+from vpsci_ros.world import IDLE, OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
 from vpsci_ros.world.world_config import PEDESTRIAN_DRIVERS
@@ -37,6 +38,17 @@ class Snapshot:
 
     state: NDArray[np.void]
     curvttc: Floats
+
+    def info(self) -> dict[str, Any]:
+        """Return the environment's `info` about the first slot."""
+        record = self.state[0]
+        return {
+            "scenario": int(record["scenario"]),
+            "episode_number": int(record["episode"]),
+            "outcome": OUTCOME_NAMES[record["outcome"]],
+            "curvttc": float(self.curvttc[0]),
+            "pedestrian_controlled": bool(record["controlled"]),
+        }
 
 
 class Simulation:
@@ -138,3 +150,15 @@ class Simulation:
         first = np.arange(0, len(state), several)
         faced = first + curvttc.reshape(-1, several).argmin(axis=1)
         return Snapshot(state[faced], curvttc[faced])
+
+
+def chosen_episode(options: dict[str, Any] | None) -> tuple[int, int] | None:
+    """Return the (scenario number, episode number) that options of `reset` choose; None without options.
+
+    :raises InvalidInput: other options, or only one of the two.
+    """
+    if not options:
+        return None
+    if set(options) != {"scenario", "episode"}:
+        raise InvalidInput(f"options: expected scenario and episode, got {', '.join(sorted(options))}")
+    return int(options["scenario"]), int(options["episode"])

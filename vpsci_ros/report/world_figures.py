@@ -8,16 +8,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Polygon
+from matplotlib.patches import PathPatch, Polygon
+from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
 from vpsci_ros.report.canvas import new_figure, save_png, show_all
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario, World, WorldConfig
 from vpsci_ros.world.paths import Path as Line
+from vpsci_ros.world.surroundings import surroundings_of
 
 Floats = NDArray[np.float64]
-GROUND, ROAD, VEHICLE, PEDESTRIAN, GOAL = "#f1f1ee", "#d5d5d2", "#08519c", "#a50f15", "#2ca02c"
+GROUND, ROAD, VEHICLE, PEDESTRIAN, GOAL = "#f1f1ee", "#cfcfcb", "#08519c", "#a50f15", "#2ca02c"
+TOWN, KERB, MARK = "#e6e6e2", "#b9b9b4", "#f8f8f6"  # of the roads around the lane
 SPAWNS = 200  # episodes whose spawns are drawn
 PARKED = "#8a8f8c"
 _SIGNS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
@@ -48,7 +51,13 @@ def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
 
 
 def draw_ground(axis: Axes, scenario: Scenario) -> None:
-    """Draw the lane, the crosswalk and the parked vehicles."""
+    """Draw the lane, the crosswalk, the parked vehicles, and the roads around those of a shipped scenario."""
+    kerbs, marks = surroundings_of(scenario).values()
+    if kerbs:
+        town = Outline.make_compound_path(*(Outline(np.concatenate([kerb, kerb[:1]]), closed=True) for kerb in kerbs))
+        lines = Outline.make_compound_path(*map(Outline, marks))
+        axis.add_artist(PathPatch(town, facecolor=TOWN, edgecolor=KERB, linewidth=0.8, zorder=-2))
+        axis.add_artist(PathPatch(lines, facecolor="none", edgecolor=MARK, linewidth=0.8, zorder=-1))
     lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
     axis.add_patch(Polygon(lane, facecolor=ROAD, edgecolor="none", zorder=0))
     if len(scenario.crosswalk):

@@ -15,6 +15,7 @@ from vpsci_ros.data.episode import YIELDED, Episode, Floats
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, Yielded
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 from vpsci_ros.world.scenario import shipped_scenarios
+from vpsci_ros.world.surroundings import surroundings_of
 
 LIMIT = 1000  # episodes of a source on one page, unless more are requested
 UNKNOWN, INFINITE, LARGEST = -32768, 32767, 32766
@@ -158,12 +159,15 @@ def grounds(sources: Sequence[Source], *, shipped: bool) -> dict[int, Any]:
 
 
 def ground(scenario: Scenario) -> dict[str, Any]:
-    """Return lane, lane_width, route, crosswalk and parked vehicles of a scenario [m, rad] as JSON values."""
+    """Return lane, lane_width, route, crosswalk, parked, kerbs and marks of a scenario [m, rad] as JSON values."""
     lines = {"lane": scenario.vehicle.path.points[::2], "route": scenario.pedestrian.path.points[::2],
              "crosswalk": scenario.crosswalk, "parked": scenario.parked}  # fmt: skip
-    return {"lane_width": scenario.vehicle.lane_width} | {
-        name: np.asarray(points).round(3).tolist() for name, points in lines.items()
-    }
+    around = {name: [line.tolist() for line in found] for name, found in surroundings_of(scenario).items()}
+    return (
+        {"lane_width": scenario.vehicle.lane_width}
+        | around
+        | {name: np.asarray(points).round(3).tolist() for name, points in lines.items()}
+    )
 
 
 def _middle(values: np.ndarray) -> np.ndarray:

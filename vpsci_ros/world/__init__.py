@@ -19,6 +19,7 @@ In reading order:
 * `scenario`: a scenario: the vehicle's lane, the pedestrian's route, and the ranges of the spawn
 * `paths`: lines to follow: the lane's centreline for the vehicle, the walking route for the pedestrian
 * `road`: the lane ahead of a vehicle, and the rules by which an episode turns actions into motion, for learners
+* `surroundings`: the roads around the shipped scenarios: kerbs and markings of the map that they were taken from
 * `opendrive`: routes and crosswalks of an OpenDRIVE map, for scenarios at your own intersection
 * `parked`: parked and waiting vehicles: they hide pedestrians, and a vehicle can hit them
 * `world_config`: parameters of the world: periods, hand-over, drivers, and how accelerations become motion

@@ -7,7 +7,7 @@ const HORIZON = 10, QUARTER = Math.PI / 2, AHEAD = 3; // [s], [rad], [s] shown w
 function colours() {
   const style = getComputedStyle(document.documentElement);
   const named = (name) => style.getPropertyValue(`--${name}`).trim();
-  const names = ["ground", "road", "marking", "ink", "faint", "vehicle", "vehicle-slow", "pedestrian",
+  const names = ["ground", "town", "kerb", "road", "marking", "ink", "faint", "vehicle", "vehicle-slow", "pedestrian",
     "pedestrian-slow", "danger", "panel"];
   return Object.fromEntries(names.map((name) => [name, named(name)]));
 }
@@ -116,6 +116,7 @@ class Scene {
     const { context, colour, scale } = shape, [ox, oy] = this.episode.middle;
     const local = (points) => points.map(([x, y]) => [x - ox, y - oy]);
     context.lineCap = "butt";
+    this.drawTown(shape, this.ground.kerbs.map(local), this.ground.marks.map(local));
     this.line(shape, local(this.ground.lane), colour.road, this.ground.lane_width * scale);
     if (this.ground.crosswalk.length) this.drawCrosswalk(shape, local(this.ground.crosswalk));
     this.line(shape, local(this.ground.lane), colour.faint, 1, [8, 8]);
@@ -131,6 +132,22 @@ class Scene {
       context.fill();
     }
     context.lineCap = "round";
+  }
+
+  // The roads around the lane; each kerb inside another one is that of a block or an island.
+  drawTown(shape, kerbs, marks) {
+    const { context, colour } = shape;
+    context.beginPath();
+    for (const kerb of kerbs) {
+      kerb.forEach(([x, y], k) => context[k ? "lineTo" : "moveTo"](shape.px(x), shape.py(y)));
+      context.closePath();
+    }
+    context.fillStyle = colour.town;
+    context.fill("evenodd");
+    context.strokeStyle = colour.kerb;
+    context.lineWidth = 1;
+    context.stroke();
+    for (const mark of marks) this.line(shape, mark, colour.marking, 1);
   }
 
   // Stripes of half a metre, a metre apart, along the road: across the longer side of the crosswalk.
