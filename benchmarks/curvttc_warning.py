@@ -48,7 +48,8 @@ def auc(event: NDArray[np.bool_], values: Floats, weights: Floats) -> Floats:
             side[:, place[k]] += weights[:, k]
     above = zeros.sum(axis=1, keepdims=True) - np.cumsum(zeros, axis=1)  # larger values without an event
     pairs = ones.sum(axis=1) * zeros.sum(axis=1)
-    return (ones * (above + 0.5 * zeros)).sum(axis=1) / np.where(pairs > 0.0, pairs, np.nan)
+    area: Floats = (ones * (above + 0.5 * zeros)).sum(axis=1) / np.where(pairs > 0.0, pairs, np.nan)
+    return area
 
 
 def main() -> None:

@@ -29,7 +29,7 @@ from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import WEIGHTS as SECOND
 from vpsci_ros.learning.training_config import UpdatesConfig
 from vpsci_ros.policy import sst
-from vpsci_ros.policy.policy_config import NetworkConfig
+from vpsci_ros.policy.policy_config import FADING, NetworkConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import load_weights
 
@@ -71,7 +71,7 @@ ARMS = {
     # the mean |Q| of a batch, in hundreds of reward, stays far below 1
     "no_division": Arm(patch=lambda: mock.patch.object(objectives, "LEAST_VALUE", 1.0)),
     "no_gate": Arm(patch=no_gate),
-    "no_fading": Arm(patch=lambda: mock.patch.object(networks, "FADING", dict.fromkeys(networks.FADING, 0.0))),
+    "no_fading": Arm(patch=lambda: mock.patch.object(networks, "FADING", dict.fromkeys(FADING, 0.0))),
 }
 
 

@@ -42,7 +42,7 @@ def sides(town: OpenDriveMap, number: str) -> Iterator[tuple[str, str, np.ndarra
             outer = inner + town._width(road, [lane], s)
             borders = [town._points(road, s, offset + way * t) for t in (inner, outer)]
             mark = lanes[lane].find("roadMark")
-            yield lanes[lane].get("type", ""), "" if mark is None else mark.get("type", ""), *borders
+            yield lanes[lane].get("type", ""), "" if mark is None else mark.get("type", ""), borders[0], borders[1]
             inner = outer
     centre = next(lane for lane in road.iter("lane") if lane.get("id") == "0").find("roadMark")
     line = town._points(road, s, offset)

@@ -64,8 +64,7 @@ def open_exam(folder: Path) -> EpisodeSource:
                     if (one := _with(pedestrian, episode.listed)).name in wanted:
                         yield dataclasses.replace(episode, listed=one)
 
-    own = {road.number: road for _, file in files for road in file.own_scenarios}
-    return EpisodeSource(folder, "exam", files[0][1].period, listed, list(own.values()), read)
+    return EpisodeSource(folder, "exam", files[0][1].period, listed, read)
 
 
 def _with(pedestrian: str, listed: Listed) -> Listed:
