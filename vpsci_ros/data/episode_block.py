@@ -6,13 +6,16 @@ is one buffer for the running episodes and for the ended episodes that were not 
 
 import math
 from collections.abc import Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+import polars as pl
 from numpy.typing import DTypeLike, NDArray
 
 from vpsci_ros.data.episode import QUANTITIES, Episode, Floats, Key, Listed
+from vpsci_ros.data.parquet import as_polars
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
@@ -76,18 +79,45 @@ class SeenTick(Protocol):
 
 @dataclass(frozen=True)
 class EpisodeBlock:
-    """A block of n episodes as arrays.
+    """A block of n episodes as arrays; `block[i]` is the i-th as an `Episode`, `len(block)` is n.
 
-    :ivar records: JUDGED[n].
-    :ivar values: float32 or float64[rows, 15], `QUANTITIES` in map frame of the episodes that are stored, one after the
-        other, and in each one pedestrian after the other; NaN in frames that nobody saw.
+    :ivar records: JUDGED[n], a record an episode: `scenario` and `count` (its numbers), `outcome` (index into
+        `vpsci_ros.world.OUTCOME_NAMES`), `frames`, `pedestrians`, `least_curvttc` [s], and the filters' `reason`.
+    :ivar values: float32 or float64[rows, 15], `QUANTITIES` in map frame [m], [m/s], [s], [rad], [1/m] of the episodes
+        that are stored, one after the other, and in each one pedestrian after the other; NaN in frames that nobody saw.
+    :ivar period: time from one frame to the next [s]; 0: not known here.
+    :ivar scenarios: where the episodes take place; empty: not known here.
     """
 
     records: NDArray[np.void]
     values: NDArray[np.floating[Any]]
+    period: float = 0.0
+    scenarios: tuple[Scenario, ...] = ()
 
     def __len__(self) -> int:
         return len(self.records)
+
+    def __getitem__(self, i: int) -> Episode:
+        """Return the i-th episode, whose frames must be stored, of a block with `period`; a negative i counts back.
+
+        :raises IndexError: no such episode.
+        """
+        place = range(len(self))[i]
+        end, rows = self._ends[place], self.records["rows"][place]
+        one = EpisodeBlock(self.records[place : place + 1], self.values[end - rows : end])
+        return next(one.episodes(self.period, self.scenarios))
+
+    def to_polars(self) -> pl.DataFrame:
+        """Return a row a frame and pedestrian of the stored episodes, with a dataset's columns and `outcome`."""
+        from vpsci_ros.data.dataset_tables import arrow_rows
+
+        outcomes = np.repeat(np.array(OUTCOME_NAMES)[self.records["outcome"]], self.records["rows"])
+        return as_polars(arrow_rows(self)).with_columns(pl.Series("outcome", outcomes))
+
+    @cached_property
+    def _ends(self) -> NDArray[np.int64]:
+        """Row after the last one of each episode, int64[n]."""
+        return np.cumsum(self.records["rows"])
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -96,7 +126,7 @@ class EpisodeBlock:
 
     def only(self, chosen: NDArray[np.bool_]) -> "EpisodeBlock":
         """Return the episodes where `chosen`, bool[n], is true."""
-        return EpisodeBlock(self.records[chosen], self.values[np.repeat(chosen, self.records["rows"])])
+        return replace(self, records=self.records[chosen], values=self.values[np.repeat(chosen, self.records["rows"])])
 
     def first_critical(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the first row with CurvTTC < 5 s of each pair that has one: episode and row, int64[m] each."""
@@ -113,7 +143,7 @@ class EpisodeBlock:
         records["rows"] = np.where(stored, records["rows"], 0)
         if stored.all():
             return self
-        return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
+        return replace(self, records=records, values=self.values[np.repeat(stored, self.records["rows"])])
 
     @property
     def keys(self) -> list[Key]:
@@ -137,8 +167,7 @@ class EpisodeBlock:
         :param scenarios: those that may occur, found by their numbers.
         """
         roads = {scenario.number: scenario for scenario in scenarios}
-        ends = np.cumsum(self.records["rows"]).tolist()
-        for key, record, end in zip(self.keys, self.records, ends, strict=True):
+        for key, record, end in zip(self.keys, self.records, self._ends.tolist(), strict=True):
             if len(rows := self.values[end - record["rows"] : end]):
                 people = int(record["pedestrians"])
                 values = rows.reshape(people, -1, len(QUANTITIES))

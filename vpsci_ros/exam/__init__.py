@@ -6,6 +6,7 @@ In reading order:
 * `conduct`: the order of an exam's runs, and the exam from its first run to its report
 * `run`: one run: the driving system meets one pedestrian, in the graph of nodes or in the loop
 * `drivers`: who drives: the messages between exam and driving system, the check of its answers, the loop
+* `simulation`: `vpsci_ros.simulate`: episodes by one call, in this process; no file is written
 * `process`: the process of a driving system: a program, or a class that answers there
 * `recorded_people`: pedestrians with given motion in the episodes of a run: recordings, or absent pedestrians
 * `timing`: the times at which an exam's pedestrians set out: for the driving system's own approach

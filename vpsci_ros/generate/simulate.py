@@ -5,13 +5,14 @@ and cost about a tenth of the time, and to end them needs a proof that CurvTTC s
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, concat_blocks
-from vpsci_ros.data.filters import apply_filters
+from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.parts import Parts
@@ -22,6 +23,7 @@ from vpsci_ros.policy.policy_file import policy_from_bytes
 from vpsci_ros.runs.workers import Place
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import Step
 
 Floats = NDArray[np.float64]
 TOGETHER = 64  # ended episodes that wait until they are filtered together
@@ -40,7 +42,6 @@ class Simulator:
         for agent, policy in job.policies.items():
             self._agents[agent] = learned_agent(agent, policy.config)
             self._agents[agent].load(policy_from_bytes(policy.data, policy.name), version=1)
-        self._reaches = [own.reach for own in self._agents.values() if own.reach is not None]
 
     def loop(self, episodes: Iterable[tuple[int, int]], scenario: int = 0) -> Loop:
         """Return the loop over these episodes' ticks, (scenario, number) each; `scenario`: load it alone, 0: all."""
@@ -50,18 +51,38 @@ class Simulator:
 
     def __call__(self, unit: Unit) -> EpisodeBlock:
         """Simulate the unit's episodes and apply the filters to them."""
-        job = self._job
-        slots, longest = self._batch * job.world.pedestrians, job.world.episode_ticks + 1
-        frames = EpisodeFrames(slots, longest, TOGETHER, scenarios=job.scenarios)
-        loop, blocks = self.loop(((unit.scenario, number) for number in unit.numbers), unit.scenario), []
-        for step in loop.ticks():
-            if frames.store(step) >= TOGETHER or loop.world.done:
-                ended = ranged(apply_filters(frames.take(), job.filters), self._reaches)
-                blocks.append(ended.stored(job.keep_rejected))
-        whole = concat_blocks(blocks)
+        job, loop = self._job, self.loop(((unit.scenario, number) for number in unit.numbers), unit.scenario)
+        whole = collected(loop, loop.ticks(), job.filters, job.keep_rejected)
         if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")
         return whole
+
+
+def collected(
+    loop: Loop,
+    ticks: Iterable[Step],
+    filters: FilterConfig,
+    keep_rejected: bool,
+    report: Callable[[int], None] | None = None,
+) -> EpisodeBlock:
+    """Return the episodes that end in a loop's ticks, filtered, in the order of their scenarios and numbers.
+
+    :param ticks: of the loop, to the end of its queue.
+    :param keep_rejected: keep the frames of rejected episodes.
+    :param report: called with the number of episodes that have ended.
+    """
+    world = loop.world
+    frames = EpisodeFrames(len(world.state), world.config.episode_ticks + 1, TOGETHER, scenarios=world.scenarios)
+    reaches = [agent.reach for agent in loop.agents.values() if isinstance(agent, PolicyAgent)]
+    blocks, ended = [], 0
+    for step in ticks:
+        if frames.store(step) >= TOGETHER or world.done:
+            block = apply_filters(frames.take(), filters)
+            blocks.append(ranged(block, [own for own in reaches if own is not None]).stored(keep_rejected))
+            ended += len(block)
+            if report is not None:
+                report(ended)
+    return replace(concat_blocks(blocks), period=world.config.tick, scenarios=world.scenarios)
 
 
 def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
