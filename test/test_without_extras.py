@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from vpsci_ros import errors
-from vpsci_ros.policy.compiling import DONE, compile_kernels
+from vpsci_ros.policy.compiling import DONE, PARTS, compile_kernels
 
 ROOT = Path(__file__).resolve().parents[1]
 ABSENT = {"torch", "torchgen", "functorch", "stable_baselines3", "sklearn", "threadpoolctl", "gymnasium", "pettingzoo"}
@@ -79,7 +79,8 @@ def compiled_for(copy: Path) -> Path:
     compile_kernels()
     cache = copy / "compiled"
     cache.mkdir()
-    (cache / DONE).touch()
+    for part in PARTS:
+        (cache / (DONE + part)).touch()
     for room in filter(Path.is_dir, (copy / "vpsci_ros").rglob("*")):
         here = Path(os.environ["NUMBA_CACHE_DIR"]) / numba_folder(ROOT / room.relative_to(copy))
         if here.is_dir():

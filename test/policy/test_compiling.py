@@ -3,20 +3,22 @@
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from vpsci_ros.policy import compiling
+from vpsci_ros.policy.policy_file import load_policy
 
 EPISODES = """
 import json, sys
-from numba.core.registry import CPUDispatcher
 from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.compiling import PARTS
 from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.safety.compiled import Kernel
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -24,9 +26,9 @@ def called():
     modules = [module for module in list(sys.modules.values()) if module.__name__.startswith("vpsci_ros.")]
     found = {
         f"{module.__name__}.{name}": value
-        for module in modules for name, value in vars(module).items() if isinstance(value, CPUDispatcher)
+        for module in modules for name, value in vars(module).items() if isinstance(value, Kernel)
     }
-    return sorted(f"{name} {signature}" for name, value in found.items() for signature in value.signatures)
+    return sorted(f"{name} {signature}" for name, value in found.items() for signature in value.from_python.signatures)
 
 for part in PARTS.values():
     part()
@@ -52,15 +54,21 @@ def test_episodes_with_policies_call_no_kernel_that_was_not_compiled_beforehand(
         assert any(f".{name} " in kernel for kernel in beforehand)
 
 
-def test_it_is_done_once_and_a_part_that_fails_is_named_and_tried_again(
+def test_what_the_policies_need_is_compiled_once_and_a_part_that_fails_is_named_and_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compiling, "PARTS", {"no such part": lambda: None})
+    monkeypatch.setattr(compiling, "SIDE_BY_SIDE", [["no such part"]])
     for _ in range(2):
         compiling.compile_kernels()
     assert capfd.readouterr().err.count("no such part ended with 1: KeyError: 'no such part'") == 2
-    monkeypatch.setattr(compiling, "PARTS", {})
-    for _ in range(2):
-        compiling.compile_kernels()
-    assert capfd.readouterr().err.count("compiling for this machine, once") == 1
+    monkeypatch.setattr(compiling, "PARTS", dict.fromkeys(("spawn", "people", "network"), lambda: None))
+    monkeypatch.setattr(compiling, "SIDE_BY_SIDE", [["spawn", "people"], ["network"]])
+    started = partial(subprocess.Popen, ["true"], stderr=subprocess.PIPE, text=True)
+    monkeypatch.setattr(compiling.subprocess, "Popen", lambda *_, **__: started())
+    networks = load_policy("ma_sst_ddpg")
+    for policies in ((), (), (networks,), (networks,)):
+        compiling.compile_kernels(*policies)
+    said = capfd.readouterr().err.splitlines()
+    assert [line.partition(": ")[2] for line in said] == ["spawn, people", "network"]

@@ -64,7 +64,8 @@ class Body:
         config: WorldConfig,
         policy: PolicyConfig | None,
     ) -> None:
-        compile_kernels()
+        own = load_policy(weights) if isinstance(weights, (str, Path)) else weights
+        compile_kernels(own)
         self.parked = scenario.parked
         drives, walks = ("policy", "external") if agent == "vehicle" else ("external", "policy")
         config = replace(config, vehicle_driver=drives, pedestrian_driver=walks)
@@ -78,7 +79,6 @@ class Body:
         self.state[:] = spawned[number]
         self.state[: len(spawned)] = spawned
         self.state["pedestrian"] = np.arange(MOST)
-        own = load_policy(weights) if isinstance(weights, (str, Path)) else weights
         self.agent = policies(own, self.world, None if policy is None else {agent: policy})[agent]
         if self.agent.keeps_lane:
             self.world.keep_lane()

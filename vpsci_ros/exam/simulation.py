@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,6 @@ def simulate(
     config = build(WorldConfig, flat(world) | {f"{name}_driver": driver for name, (driver, _) in found.items()}, where)
     numbers = range(run.first_episode, run.first_episode + run.episodes)
     queue = [(road.number, number) for number in numbers for road in roads]
-    compile_kernels()
     made: dict[str, Agent] = {name: make() for name, (driver, make) in found.items() if driver == "policy"}
     loop = Loop(World(config, roads, queue, min(SIDE_BY_SIDE, len(queue)), run.seed), made)
     ticks = _driven(loop, found["vehicle"][1]) if config.vehicle_driver == "external" else loop.ticks()
@@ -111,7 +111,7 @@ def _agent(name: str, chosen: Any, where: str) -> tuple[str, Callable[[], Any]]:
             )
         return "external", chosen
     if isinstance(chosen, (Bank, Weights)):
-        return "policy", lambda: _loaded(name, PolicyConfig(), chosen)
+        return "policy", partial(_loaded, name, PolicyConfig(), chosen)
     if not isinstance(chosen, (str, Path, PolicyConfig)):
         raise InvalidInput(f"{where}: expected a name, a file, a policy or a class, got {shown(chosen)}")
     if isinstance(chosen, PolicyConfig):
@@ -121,17 +121,17 @@ def _agent(name: str, chosen: Any, where: str) -> tuple[str, Callable[[], Any]]:
     else:
         config = PolicyConfig(agent=str(chosen)) if chosen in added_pedestrians() else PolicyConfig(weights=str(chosen))
     if config.agent != LEARNED:
-        return "policy", lambda: make_agent(name, config)
+        return "policy", partial(make_agent, name, config)
     if config.weights not in SHIPPED and not config.weights.endswith(".safetensors"):
         known = [*SHIPPED, *RULES[name], *added_pedestrians()]
         near = difflib.get_close_matches(config.weights, known, 1)
         hint = f"did you mean {near[0]}?" if near else f"expected {', '.join(known)}, or a .safetensors file"
         raise InvalidInput(f"{where}: unknown agent {shown(config.weights)}; {hint}")
-    policy = load_policy(config.weights)
-    return "policy", lambda: _loaded(name, config, policy)
+    return "policy", partial(_loaded, name, config, load_policy(config.weights))
 
 
 def _loaded(name: str, config: PolicyConfig, policy: Policy) -> Agent:
+    compile_kernels(policy)
     agent = learned_agent(name, config)
     agent.load(policy, version=1)
     return agent

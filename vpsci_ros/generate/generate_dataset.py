@@ -25,7 +25,6 @@ from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.parts import FINISHED, WANTED, Parts, parts_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.simulate import Simulator, storing
-from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 from vpsci_ros.runs.workers import Site, Work, Workers, computed, local_workers
@@ -105,7 +104,7 @@ def generate(
             _reopen(Dataset(folder), plan, parts)
         _resume(plan, parts)
         if not plan.complete:
-            compile_kernels()
+            job.compile_kernels()
         try:
             computed = 0 if plan.complete else _compute(plan, workers(parts), report)
             middle = time.monotonic()

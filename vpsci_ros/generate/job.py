@@ -11,6 +11,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import parameter, values_of
+from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import policy_from_bytes, require_source
 from vpsci_ros.resources import weights_path
@@ -91,6 +92,10 @@ class Job:
     filters: FilterConfig
     policies: Mapping[str, Policy]
     keep_rejected: bool
+
+    def compile_kernels(self) -> None:
+        """Compile what the job's episodes need, see `vpsci_ros.policy.compiling`."""
+        compile_kernels(*(policy_from_bytes(policy.data, policy.name) for policy in self.policies.values()))
 
     def description(self) -> dict[str, Any]:
         """Return the job as JSON values: resolved configuration, hashes of weights and scenario files, kind of CPU."""

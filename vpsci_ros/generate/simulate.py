@@ -17,7 +17,6 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.parts import Parts
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
-from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.onset_range import onsets_in, ranges
 from vpsci_ros.policy.policy_file import policy_from_bytes
 from vpsci_ros.runs.workers import Place
@@ -99,7 +98,7 @@ def ranged(block: EpisodeBlock, reaches: Sequence[Floats]) -> EpisodeBlock:
 
 def storing(job: Job, batch: int, parts: Parts, place: Place) -> Callable[[Unit], int]:
     """Return a function that computes a unit, writes its part at a place, and returns the number of kept episodes."""
-    compile_kernels()  # on a machine where that has not been done
+    job.compile_kernels()  # on a machine where that has not been done
     simulator, here = Simulator(job, batch), parts.at(place.folder)
 
     def store(unit: Unit) -> int:

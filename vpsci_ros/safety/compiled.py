@@ -10,8 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any, TypeVar
 
-from numba import njit
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
+from numba.types import unliteral
 
 from vpsci_ros.runs.kernel_cache import choose_cache_folder
 
@@ -50,15 +53,58 @@ class _Cache:
         self._on_disk.flush()
 
 
+class _Part(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a kernel that others call: their own compilation optimises it and makes machine code of it."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+class _PartCompiler(Compiler):  # type: ignore[misc]
+    def define_pipelines(self) -> Any:
+        self.state.library = _Part(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        self.state.flags.no_compile = True
+        return super().define_pipelines()
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function.
+
+    Where another kernel calls it, it is a part of that kernel: without machine code, wrapper for Python and file of its
+    own, which together cost more than the compilation of a small function. Nor is it compiled for each constant that it
+    is called with. Called from Python, it is compiled with all of these.
+    """
+
+    @cached_property
+    def from_python(self) -> CPUDispatcher:
+        """The dispatcher that Python calls."""
+        own = CPUDispatcher(self.py_func, targetoptions=self.targetoptions | {"no_cpython_wrapper": False})
+        own._cache = _Cache(self.py_func)
+        return own
+
+    def __call__(self, *args: Any) -> Any:
+        """Call it from Python."""
+        return self.from_python(*args)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return how another kernel calls it with arguments of these types."""
+        return super().get_call_template([unliteral(arg) for arg in args], kws)
+
+    def add_overload(self, cres: Any) -> None:
+        """Store the code for one signature, for other kernels."""
+        cres = cres._replace(entry_point=object())  # by which callers find it, in place of an address
+        self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
+        self.overloads[tuple(cres.signature.args)] = cres
+
+
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function with numba; `options` are those of numba's `njit`."""
-
-    def decorated(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(no_cfunc_wrapper=True, error_model="numpy", nogil=True, **options)(function)
-        dispatcher._cache = _Cache(function)
-        return dispatcher
-
-    return decorated
+    own = {"nopython": True, "nogil": True, "error_model": "numpy", **options}
+    own |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+    return lambda function: Kernel(function, targetoptions=own, pipeline_class=_PartCompiler)
 
 
 kernel = compiled()

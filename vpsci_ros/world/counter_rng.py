@@ -14,7 +14,7 @@ from numba import uint64
 from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.compiled import inlined, kernel
+from vpsci_ros.world.compiled import kernel
 
 STREAM_SPAWN = 0  # where an episode begins
 STREAM_EXPLORATION = 1  # add the policy step shifted left by 8, so that each step is a stream of its own
@@ -53,12 +53,9 @@ def philox(
     return c0, c1, c2, c3
 
 
-@inlined
+@kernel
 def draw(episode, seed, stream, block):  # type: ignore[no-untyped-def]
-    """Return four random uint64 for the pedestrian of an EPISODE record; the driver uses those of pedestrian 0.
-
-    Inlined, for numba would compile it for each pair of constants that it is called with.
-    """
+    """Return four random uint64 for the pedestrian of an EPISODE record; the driver uses those of pedestrian 0."""
     key, number, person = uint64(episode.scenario), uint64(episode.episode), uint64(episode.pedestrian)
     return philox(uint64(seed), key, uint64(block), uint64(stream), number, person)
 

@@ -1,6 +1,7 @@
 """How an episode begins: a pure function of (seed, scenario, episode number) and the pedestrian's number.
 
-A file of `spawns` draws the positions and motions of vehicle and pedestrians.
+A file of `spawns` draws the positions and motions of vehicle and pedestrians. Each kernel here does one step of a start
+and is compiled only where an episode needs that step.
 """
 
 import math
@@ -52,23 +53,33 @@ def _reset(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
 
 
 @kernel
-def spawn(state, first, table, number, seed, tables, crowd, which, period):  # type: ignore[no-untyped-def]
-    """Start an episode of scenario `tables.rows[table]` in the rows of EPISODE[B] from `first` on, at frame 0.
+def begin_all(state, slots, table_of, numbers, seeds, recording_of, tables, crowd, settings, drives, bits):  # type: ignore[no-untyped-def]
+    """Start episode `numbers[k]` of scenario row `table_of[k]` and uint64 `seeds[k]` in row `slots[k]` of EPISODE[B].
 
-    Return the number of these rows, one a pedestrian.
+    It has one pedestrian. uint16[B] `bits` gets 1 << STARTED in this row.
 
-    :param which: index in `SPAWNS`; period: of a tick [s].
+    :param drives: float64[n] [s], gets the time that the car needs to the crossing.
     """
-    leader, row = state[first], tables.rows[table]
-    _reset(leader, table, row, number, 0)
-    draw_kind(leader, seed, crowd.kinds)
-    drives = begin(which, leader, row, tables, seed, period)
-    count = how_many(leader, seed, crowd)
-    for i in range(first + 1, first + count):
-        _join(state, first, i, seed, tables, crowd, which, drives)
-    for i in range(first, first + count):
-        state[i].pedestrians = count
-    return count
+    for k in range(slots.size):
+        episode, row = state[slots[k]], tables.rows[table_of[k]]
+        _reset(episode, table_of[k], row, numbers[k], 0)
+        draw_kind(episode, seeds[k], crowd.kinds)
+        drives[k] = begin(settings.spawn, episode, row, tables, seeds[k], settings.period)
+        episode.pedestrians, episode.recording = 1, recording_of[k]
+        bits[slots[k]] = 1 << STARTED
+
+
+@kernel
+def join_all(state, slots, seeds, tables, crowd, settings, drives, bits):  # type: ignore[no-untyped-def]
+    """Add further pedestrians, in the rows after `slots[k]`, to the episodes that `begin_all` has started."""
+    for k in range(slots.size):
+        first = slots[k]
+        count = how_many(state[first], seeds[k], crowd)
+        for i in range(first + 1, first + count):
+            _join(state, first, i, seeds[k], tables, crowd, settings.spawn, drives[k])
+        for i in range(first, first + count):
+            state[i].pedestrians, state[i].recording = count, state[first].recording
+            bits[i] = 1 << STARTED
 
 
 @kernel
@@ -142,33 +153,29 @@ def _project(episode, tables):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, recording_of, ahead, settings, crowd, bits):  # type: ignore[no-untyped-def]
-    """Start episode `numbers[k]` of scenario row `table_of[k]` and uint64 `seeds[k]` in the rows from `slots[k]` on.
-
-    uint16[B] `bits` gets 1 << STARTED in each row that an episode takes.
-
-    :param ahead: float64[n, 2] [s], head starts of the pedestrians, and for how long they walk straight on then.
-    """
+def give_head_starts(state, slots, ahead, tables, settings):  # type: ignore[no-untyped-def]
+    """Move the pedestrians of started episodes on by `ahead`, float64[n, 2] [s], see `_give_head_start`."""
     for k in range(slots.size):
-        first = slots[k]
+        first, ticks = slots[k], round(ahead[k, 0] / settings.period)
+        if ahead[k, 0] != 0.0 or ahead[k, 1] != 0.0:
+            _give_head_start(state, first, state[first].pedestrians, tables, settings, ticks, ahead[k, 1])
+
+
+@kernel
+def place_recorded(state, slots, tables, recordings, settings):  # type: ignore[no-untyped-def]
+    """Put the agents of started episodes whose driver is replay where their recordings begin."""
+    for first in slots:
         episode = state[first]
-        drawn = settings.spawn, settings.period
-        count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, *drawn)
-        for i in range(first, first + count):
-            state[i].recording = recording_of[k]
-            bits[i] = 1 << STARTED
-        if (ahead[k, 0] != 0.0 or ahead[k, 1] != 0.0) and settings.pedestrian_driver != REPLAY:
-            _give_head_start(state, first, count, tables, settings, round(ahead[k, 0] / settings.period), ahead[k, 1])
-        row = tables.rows[table_of[k]]
+        row, recording = tables.rows[episode.table], episode.recording
         if settings.vehicle_driver == REPLAY:
-            x, y, heading, speed, curvature = recordings.vehicle[recording_of[k], 0]
+            x, y, heading, speed, curvature = recordings.vehicle[recording, 0]
             episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading = x, y, heading
             episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
             episode.route_s = nearest(tables.lane, episode.table, row.lane_count, row.lane_step, x, y)
-            for i in range(first + 1, first + count):
+            for i in range(first + 1, first + episode.pedestrians):
                 share_vehicle(episode, state[i])
         if settings.pedestrian_driver == REPLAY:
-            x, y, vx, vy = recordings.pedestrian[recording_of[k], 0]
+            x, y, vx, vy = recordings.pedestrian[recording, 0]
             episode.pedestrian_x, episode.pedestrian_y = x, y
             episode.pedestrian_vx, episode.pedestrian_vy = vx, vy
             episode.pedestrian_s = nearest(tables.walk, episode.table, row.walk_count, row.walk_step, x, y)

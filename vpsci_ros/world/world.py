@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.compiled import in_threads
-from vpsci_ros.world import engine, handover
+from vpsci_ros.world import engine, handover, spawn
 from vpsci_ros.world.compiled import PER_THREAD, SPAWNS_PER_THREAD
 from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recordings import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Points, Scenario
-from vpsci_ros.world.spawn import spawn_all
 from vpsci_ros.world.state import ENDED, EPISODE, IDLE, NO_EVENTS, NONE, RUNNING, concat_events, list_events
 from vpsci_ros.world.tables import Inputs, crowd_from, settings_from, tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
@@ -205,27 +204,21 @@ class World:
         recordings = np.zeros(len(slots), np.int64)
         if self._recorded is not None:
             recordings[:] = [self._recorded.row(*episode) for episode in episodes]
-        ahead = np.zeros((len(slots), 2))
-        if self._head_starts:
-            ahead[:] = [self._head_starts.get(key, (0.0, 0.0)) for key in episodes]
         keys = np.full(len(slots), self.seed, np.uint64) if seeds is None else np.array(seeds, np.uint64)
+        ahead = np.array([self._head_starts.get(key, (0.0, 0.0)) for key in episodes]) if self._head_starts else None
+        drives, state, tables, settings = np.empty(len(slots)), self.state, self._tables, self._settings
         self._bits[:] = 0
 
         def run(part: slice) -> None:
-            spawn_all(
-                self.state,
-                slots[part],
-                scenarios[part],
-                numbers[part],
-                keys[part],
-                self._tables,
-                self._recordings,
-                recordings[part],
-                ahead[part],
-                self._settings,
-                self._crowd,
-                self._bits,
-            )
+            own, crowd = slots[part], self._crowd
+            what = scenarios[part], numbers[part], keys[part], recordings[part]
+            spawn.begin_all(state, own, *what, tables, crowd, settings, drives[part], self._bits)
+            if self._most > 1:
+                spawn.join_all(state, own, keys[part], tables, crowd, settings, drives[part], self._bits)
+            if ahead is not None and self.config.pedestrian_driver != "replay":
+                spawn.give_head_starts(state, own, ahead[part], tables, settings)
+            if self._recorded is not None:
+                spawn.place_recorded(state, own, tables, self._recordings, settings)
 
         in_threads(run, len(slots), SPAWNS_PER_THREAD)
         self._idle -= len(slots)
