@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path as File
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,8 @@ from vpsci_ros.safety import CRITICAL_TTC, curvttc
 from vpsci_ros.world import RUNNING, World, WorldConfig
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinds import KINDS
-from vpsci_ros.world.paths import nearest, project
+from vpsci_ros.world.observation import to_heading_frame
+from vpsci_ros.world.paths import Path, nearest, project
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
@@ -56,7 +57,7 @@ class Body:
     def __init__(
         self,
         agent: str,
-        weights: str | Path | Policy,
+        weights: str | File | Policy,
         scenario: Scenario,
         seed: int,
         episode: int,
@@ -64,7 +65,7 @@ class Body:
         config: WorldConfig,
         policy: PolicyConfig | None,
     ) -> None:
-        own = load_policy(weights) if isinstance(weights, (str, Path)) else weights
+        own = load_policy(weights) if isinstance(weights, (str, File)) else weights
         compile_kernels(own)
         self.parked = scenario.parked
         drives, walks = ("policy", "external") if agent == "vehicle" else ("external", "policy")
@@ -89,6 +90,12 @@ class Body:
         """The agent's EPISODE record, a view into `state`; made at each access, as a copied body has its own state."""
         record: np.void = self.state[self._number]
         return record
+
+    @property
+    def walk(self) -> Path:
+        """The pedestrian's route, in its own direction."""
+        path = self.world.scenarios[0].pedestrian.path
+        return path if self.record["table"] == 0 else replace(path, points=path.points[::-1])
 
     def person(self, speed: float) -> Person:
         """Return what was drawn for this agent, see `Person`, with `speed` [m/s] as given.
@@ -142,10 +149,17 @@ class Body:
         """Return the rows of `state` with the agent: all rows for "vehicle", its own row for "pedestrian"."""
         return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
 
-    def tick(self, ttc: NDArray[np.float64], distance: NDArray[np.float64], parked: NDArray[np.float64]) -> None:
+    def tick(
+        self,
+        ttc: NDArray[np.float64],
+        distance: NDArray[np.float64],
+        parked: NDArray[np.float64],
+        push: tuple[float, float] | None = None,
+    ) -> None:
         """Let the policy decide and the world move all agents by one tick.
 
         :param ttc: float64[MOST] [s]; distance: float64[MOST] [m]; infinity and NaN in empty rows.
+        :param push: acceleration of the pedestrian, east and north [m/s2], in place of the policy's.
         """
         self.state["status"] = np.where(np.arange(MOST) < self.record["pedestrians"], RUNNING, 0)
         self.world.resume(parked)
@@ -154,6 +168,8 @@ class Body:
         actions = Actions(vehicle_control=np.zeros((rows, 3)), pedestrian=np.zeros((rows, 2)))
         if now.policy_frame.any():
             action = self.agent.act(now, assessment).astype(np.float64)
+            if push is not None:
+                action[self._number] = to_heading_frame(float(self.record["vehicle_heading"]), *push)
             actions = replace(actions, **{self._agent: action})
         self.world.advance(assessment, actions)
 

@@ -23,16 +23,22 @@ from vpsci_ros.cosim.inputs import (
     walked_on,
 )
 from vpsci_ros.cosim.routes import named_scenario, scenario_of_walk
+from vpsci_ros.cosim.way_round import ROOM, meets, next_point
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy
-from vpsci_ros.safety import visible_share
+from vpsci_ros.safety import CRITICAL_TTC, visible_share
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.calibration import LEAST_WALK
 from vpsci_ros.world.crowd import MOST
+from vpsci_ros.world.drivers.walker import WALK_LOOK_AHEAD, walk_acceleration
 from vpsci_ros.world.kinematics import walk
 from vpsci_ros.world.parked import EYE_FORWARD, LEAST_VISIBLE
+
+STANDS, WAITS = 0.1, 3.0  # [m/s] and [s]: a slower vehicle stands; after so long a pedestrian walks round it
+FURTHER = 6.0  # [m] along the route, where the way round leads to at least
+FIRM, SOON = 2.0, 0.3  # [m/s2] at most, and [s] in which it takes its direction round a vehicle
 
 
 class Walk(NamedTuple):
@@ -64,6 +70,7 @@ class Pedestrian:
 
     It walks its route until CurvTTC of a visible vehicle falls below 5 s. From the next policy frame the
     policy moves it, until 3 s after the last critical tick. Policy frames come every 0.1 s from the first step.
+    It walks round a vehicle that has stood for 3 s across its way.
 
     :param weights: a file, a name shipped with the package, or a `Bank` or `Weights`.
     :param seed: of every random draw; with `episode` and the scenario's number it determines the person.
@@ -103,6 +110,8 @@ class Pedestrian:
         self._tracks, self._clock = Tracks(), Clock(self._config.tick)
         self._number, self._since = number, 0.0
         self._faces: Hashable | None = None
+        self._stood: dict[Hashable, float] = {}  # [s] for which a vehicle stands
+        self._goes_round = False
         self._body: Body | None = None
         if scenario is not None:
             self._body = self._new_body(named_scenario(scenario))
@@ -155,6 +164,8 @@ class Pedestrian:
         body = self._body = self._body or self._new_body(self._to_goal(own), straight=True)
         boxes = body.parked if boxes is None else boxes
         cars, self._since = self._tracks.completed(cars, self._since), period
+        stood = {key: self._stood.get(key, 0.0) + period for key, car in cars.items() if car.speed < STANDS}
+        self._stood = stood
         nearest = sorted(range(len(others)), key=lambda k: math.hypot(others[k].x - own.x, others[k].y - own.y))
         crowd = [others[k] for k in sorted(nearest[: MOST - 1])]
         faces, ttc, _ = self._look(body, own, cars, boxes)
@@ -169,7 +180,10 @@ class Pedestrian:
                 pushed = float(body.record["pedestrian_ax"]), float(body.record["pedestrian_ay"])
                 now = Walker(*walk(*now, *pushed, 1.0, math.inf, part * 1e-9))
         change = (now.vx - own.vx) / period, (now.vy - own.vy) / period
-        controlled, arrived = bool(body.record["controlled"]), bool(body.record["pedestrian_goal"])
+        controlled, arrived = (
+            bool(body.record["controlled"]) and not self._goes_round,
+            bool(body.record["pedestrian_goal"]),
+        )
         return Walk(*now, *change, ttc, faces, controlled, arrived)
 
     def _made_body(self) -> Body:
@@ -216,8 +230,15 @@ class Pedestrian:
         others: list[Walker],
         parked: NDArray[np.float64],
     ) -> None:
-        self._faces, ttc, distance = self._look(body, own, cars, parked)
+        others_ahead, push = self._way_round(body, own, cars)
+        found = self._look(body, own, others_ahead, parked)
+        if push is not None and found[1] < CRITICAL_TTC:  # a moving vehicle is more pressing
+            push, found = None, self._look(body, own, cars, parked)
+        self._faces, ttc, distance = found
         body.locate("pedestrian", own.x, own.y)
+        if self._goes_round and push is None:
+            body.begin(hold=0)
+        self._goes_round = push is not None
         if self._faces is None:
             body.begin(hold=0)  # nothing is left to keep control for
         else:
@@ -225,8 +246,32 @@ class Pedestrian:
         before = [*others[: self._number], *([None] * (self._number - len(others)))]
         body.put_walkers([*before, own, *others[self._number :]])
         ttcs, distances = np.full(MOST, np.inf), np.full(MOST, np.nan)
-        ttcs[self._number], distances[self._number] = ttc, distance
-        body.tick(ttcs, distances, parked)
+        ttcs[self._number], distances[self._number] = ttc if push is None else 0.0, distance
+        body.tick(ttcs, distances, parked, push)
+
+    def _way_round(
+        self, body: Body, own: Walker, cars: dict[Hashable, Vehicle]
+    ) -> tuple[dict[Hashable, Vehicle], tuple[float, float] | None]:
+        """Return the vehicles besides those that the pedestrian walks round, and its acceleration [m/s2] round them.
+
+        It walks round vehicles that have stood for `WAITS` across its way; None: there are none.
+        """
+        boxes = [
+            np.array([c.x, c.y, c.heading, c.length, c.width])
+            for k, c in cars.items()
+            if self._stood.get(k, 0.0) >= WAITS
+        ]
+        if not boxes:
+            return cars, None
+        path, s, here = body.walk, float(body.record["pedestrian_s"]), (own.x, own.y)
+        points = [path.at(place) for place in np.arange(s + FURTHER, max(s + FURTHER, path.length) + 20.0)]
+        target = next((p for p in points if not any(meets(p, p, box, ROOM) for box in boxes)), points[-1])
+        if not any(meets(here, p, box, ROOM) for p in (path.at(s + WALK_LOOK_AHEAD), target) for box in boxes):
+            return cars, None
+        x, y = next_point(here, target, boxes)
+        pace, way = float(body.record["walking_speed"]), math.hypot(x - own.x, y - own.y) or 1.0
+        ax, ay = walk_acceleration(pace * (x - own.x) / way - own.vx, pace * (y - own.y) / way - own.vy, FIRM, SOON)
+        return {key: car for key, car in cars.items() if self._stood.get(key, 0.0) < WAITS}, (ax, ay)
 
 
 def _is_point(value: Any) -> bool:

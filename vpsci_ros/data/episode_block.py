@@ -8,14 +8,12 @@ import math
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import polars as pl
 from numpy.typing import DTypeLike, NDArray
 
 from vpsci_ros.data.episode import QUANTITIES, Episode, Floats, Key, Listed
-from vpsci_ros.data.parquet import as_polars
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
@@ -24,6 +22,9 @@ from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
 from vpsci_ros.world.state import ENDED, IDLE, NONE, OUTCOME_NAMES
+
+if TYPE_CHECKING:
+    import polars as pl
 
 KEPT = 0
 REASONS = (
@@ -107,9 +108,12 @@ class EpisodeBlock:
         one = EpisodeBlock(self.records[place : place + 1], self.values[end - rows : end])
         return next(one.episodes(self.period, self.scenarios))
 
-    def to_polars(self) -> pl.DataFrame:
+    def to_polars(self) -> "pl.DataFrame":
         """Return a row a frame and pedestrian of the stored episodes, with a dataset's columns and `outcome`."""
+        import polars as pl  # not before: `vpsci_ros.Pedestrian` does without
+
         from vpsci_ros.data.dataset_tables import arrow_rows
+        from vpsci_ros.data.parquet import as_polars
 
         outcomes = np.repeat(np.array(OUTCOME_NAMES)[self.records["outcome"]], self.records["rows"])
         return as_polars(arrow_rows(self)).with_columns(pl.Series("outcome", outcomes))

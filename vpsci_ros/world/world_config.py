@@ -37,7 +37,10 @@ class WorldConfig:
     vehicle_driver: str = parameter("policy", "driver of the vehicle (docs/world.md)", choices=VEHICLE_DRIVERS)
     pedestrian_driver: str = parameter("policy", "driver of the pedestrian (docs/world.md)", choices=PEDESTRIAN_DRIVERS)
     pedestrian_gain: float = parameter(
-        1.0, "share of the policy's acceleration that the pedestrian executes; (21)-(24) have 0.5", low=0.0, high=1.0
+        1.0,
+        "share of the policy's acceleration that the pedestrian executes; (21)-(24) and external ones have 0.5",
+        low=0.0,
+        high=1.0,
     )
     walk_on: bool = constant(
         True, "a pedestrian who has reached the goal walks on, out of the scene; false: it stands there"
