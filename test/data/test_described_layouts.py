@@ -239,7 +239,7 @@ def test_the_example_layouts_read_the_published_recordings(
 
 def test_the_commented_example_is_a_layout_and_shows_every_key(tmp_path: Path) -> None:
     text = (ROOT / "examples/layouts/layout.yaml").read_text()
-    assert set(re.findall(r"^(?:# )?(\w+): ", text, re.MULTILINE)) | {"time_unit", "width"} == set(KEYS)
+    assert set(re.findall(r"^(?:# )?(\w+): ", text, re.MULTILINE)) | {"time_unit", "width", "scooters"} == set(KEYS)
     assert read_layout_file(ROOT / "examples/layouts/layout.yaml").source == "my_corner"
     pairs = tmp_path / "pairs.yaml"
     pairs.write_text("\n".join(re.findall(r"^# ((?:columns|vehicle|pedestrian): .*)$", text, re.MULTILINE)))

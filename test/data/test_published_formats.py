@@ -8,10 +8,10 @@ import pytest
 
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.importers.described import BLANK
-from vpsci_ros.data.importers.layout import UNREADABLE
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.recordings import check_recordings
 
+UNREADABLE = "pedestrians that cannot be read"
 HEADING = 2.0  # [rad] of the car, 6 m/s from the origin; the walker comes from its right and is hit
 SPEED, WALK = 6.0, 1.5  # [m/s]
 SIZE = (4.2, 1.7)  # [m]
@@ -138,24 +138,25 @@ def write_described(folder):
     (folder / "layout.yaml").write_text(LAYOUT)
 
 
+CYCLISTS = "cyclists, which `--kinds cyclist` imports"
 FORMATS = {
-    "levelx": (write_levelx, "bicycle", ()),
+    "levelx": (write_levelx, CYCLISTS, ()),
     "interaction": (write_interaction, None, ()),
-    "sind": (write_sind, "bicycle", ()),
-    "argoverse2": (write_argoverse2, "cyclist", ("sizes of vehicles are the format's",)),
-    "tgsim": (write_tgsim, "1", ("headings are directions of motion",)),
-    "described": (write_described, "bike", ("headings are directions of motion",)),
+    "sind": (write_sind, CYCLISTS, ()),
+    "argoverse2": (write_argoverse2, CYCLISTS, ("sizes of vehicles are the format's",)),
+    "tgsim": (write_tgsim, CYCLISTS, ("headings are directions of motion",)),
+    "described": (write_described, "road users of class bike", ("headings are directions of motion",)),
 }
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_car_and_a_walker_come_out_as_they_were_and_the_import_says_what_it_assumed(name, tmp_path):
-    write, other_class, assumed = FORMATS[name]
+    write, other, assumed = FORMATS[name]
     write(tmp_path)
     result = import_trajectories(tmp_path, name)
     (summary,) = result.summaries
     assert (summary.clips, summary.pairs, summary.near_misses) == (1, 1, 1)
-    assert summary.left_out == ({f"road users of class {other_class}": 1} if other_class else {})
+    assert summary.left_out == ({other: 1} if other else {})
     assert set(assumed) <= set(summary.assumed)
     table = result.table
     time = table["time"].to_numpy()
@@ -224,10 +225,10 @@ def test_a_check_draws_near_misses_and_says_extent_speeds_and_sizes(tmp_path):
     write_levelx(tmp_path)
     said = check_recordings([tmp_path], ["levelx"], tmp_path / "check.png")
     assert (tmp_path / "check.png").stat().st_size > 10_000
-    assert "median speeds: vehicles 6.00 m/s, pedestrians 1.50 m/s" in said
+    assert "median speeds: vehicles 6.00 m/s, pedestrians 2.25 m/s" in said  # of walkers at 1.5 and cyclists at 3 m/s
     assert "sizes of vehicles: 4.2 x 1.7 to 4.2 x 1.7 m" in said
     assert "1 pair, 1 near miss; 1 drawn" in said
-    assert "left out: road users of class bicycle: 1" in said
+    assert f"left out: {CYCLISTS}: 1" in said
 
 
 def test_sizes_of_the_track_decide_when_it_touches(tmp_path):
@@ -276,7 +277,7 @@ def test_a_pattern_or_a_column_that_names_nothing_is_refused(layout, said, tmp_p
     write_described(tmp_path / "d")
     (tmp_path / "d" / "layout.yaml").write_text(LAYOUT + "".join(f"{key}: {value}\n" for key, value in layout.items()))
     with pytest.raises(InvalidInput, match=said):
-        [*IMPORTERS.find("described").read(tmp_path / "d")]
+        import_trajectories(tmp_path / "d", "described")
 
 
 def test_rows_without_the_name_of_a_clip_are_left_out_and_counted(tmp_path):
@@ -290,14 +291,14 @@ def test_rows_without_the_name_of_a_clip_are_left_out_and_counted(tmp_path):
     assert clip.vehicles[0].first == 10  # 1 s
     rows.with_columns(run=pl.lit(None, pl.String)).write_csv(tmp_path / "one.csv")
     with pytest.raises(InvalidInput, match="column run: expected the name of a clip in each row, got none"):
-        [*IMPORTERS.find("described").read(tmp_path)]
+        import_trajectories(tmp_path, "described")
 
 
 def test_a_first_line_without_end_is_refused_before_it_is_taken_apart(tmp_path):
     write_described(tmp_path)
     (tmp_path / "one.csv").write_text("a," * 100_000 + "\n1\n")
     with pytest.raises(InvalidInput, match=r"one.csv: its first line has 0.2 MB; expected a line of columns, of at m"):
-        [*IMPORTERS.find("described").read(tmp_path)]
+        import_trajectories(tmp_path, "described")
 
 
 def with_compass(folder, **layout):
@@ -356,4 +357,4 @@ def test_a_described_road_user_that_cannot_be_read_is_left_out_and_counted(chang
     damaged(tmp_path, change)
     (summary,) = import_trajectories(tmp_path, "described").summaries
     assert (summary.near_misses, summary.left_out[UNREADABLE]) == (1, 1)
-    assert any("the first left out" in text and "line" in text for text in summary.assumed)
+    assert re.search(r"one.csv: line \d+", summary.checks[UNREADABLE].example)

@@ -69,7 +69,7 @@ def evaluate(
         ),
     ] = Path(TO_MEASURE_ON),
     form: Annotated[
-        str, typer.Option("--format", help="near-misses, vci-dut, vci-citr or an added one.")
+        str, typer.Option("--format", help="near-misses, or a format of vpsci import (docs/formats.md).")
     ] = "near-misses",
     json_path: Annotated[
         Path | None,

@@ -65,14 +65,17 @@ def import_command(
     ] = None,
     fastest: Annotated[
         float | None,
-        typer.Option(
-            "--fastest", min=0.0, metavar="M/S", help="Leave out pedestrians with a higher median speed: bicycles."
-        ),
+        typer.Option("--fastest", min=0.0, metavar="M/S", help="Leave out pedestrians with a higher median speed."),
     ] = None,
+    kinds: Annotated[
+        str,
+        typer.Option("--kinds", metavar="KIND,...", help="Whom to import, of walker, cyclist and scooter."),
+    ] = "walker",
     frame_rate: Annotated[
         float,
         typer.Option("--frame-rate", min=0.0, metavar="1/S", help="Of files that count frames; 0: the format's."),
     ] = 0.0,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse the first clip or road user with a fault.")] = False,
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
     check: Annotated[
         bool,
@@ -84,18 +87,18 @@ def import_command(
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars
 
-    limit = math.inf if fastest is None else fastest
+    limit, wanted = math.inf if fastest is None else fastest, [kind.strip() for kind in kinds.split(",")]
     if check:
         from vpsci_ros.report.recordings import check_recordings
 
         picture = output.with_suffix(".png")
-        print("\n".join(check_recordings(folders, formats, picture, limit, frame_rate)))
+        print("\n".join(check_recordings(folders, formats, picture, limit, frame_rate, wanted, strict=strict)))
         print(f"written: {picture}")
         return
     if output.suffix != ".parquet":
         raise InvalidInput(f"-o {output}: a table of near misses is Parquet; expected the name of a .parquet file")
     with Bars(f"importing {', '.join(map(str, folders))}"):
-        result = import_folders(folders, formats, limit, frame_rate)
+        result = import_folders(folders, formats, limit, frame_rate, wanted, strict=strict)
     require_near_misses(result)
     result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import polars as pl
 
-from vpsci_ros.data.near_misses import corpus_files, load_corpus, split_by_name
+from vpsci_ros.data.near_misses import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.held_out import held_out_by
 from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
 from vpsci_ros.parameters import settings_of
 from vpsci_ros.policy.policy_config import NetworkConfig
@@ -26,7 +27,7 @@ def stage_1_inputs(sections: Sections) -> Stage1Inputs:
     config, network = sections.get(PretrainConfig, "learner"), sections.get(NetworkConfig, "learner")
     resolved = Sections({"learner": _without_output(learner, config, network)})
     corpus = load_corpus(learner.near_misses)
-    split_by_name(corpus, config.held_out_clips)  # refuses names before a folder is begun
+    held_out_by(corpus, config.held_out_clips)  # refuses names before a folder is begun
     return learner, config, network, corpus, resolved
 
 

@@ -10,14 +10,14 @@ import hashlib
 import math
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
-from vpsci_ros.data.reference import AFTER, around_critical, completed
+from vpsci_ros.data.reference import AFTER, KINDS, WALKER, around_critical, completed
 from vpsci_ros.documents import listed, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
@@ -54,10 +54,11 @@ NEAR_MISS_COLUMNS: dict[str, Column] = {
     "ped_name": Column(pl.String, "", "id of the pedestrian in its recording"),
     "veh_length": Column(pl.Float64, "m", "length of the vehicle"),
     "veh_width": Column(pl.Float64, "m", "width of the vehicle"),
+    "kind": Column(pl.String, "", "what the pedestrian is: walker, cyclist or scooter"),
 }
 MOTION = ("veh_x", "veh_y", "veh_heading", "veh_vx", "veh_vy", "ped_x", "ped_y", "ped_vx", "ped_vy")  # of both agents
 WORKED_OUT = ("curvttc_causal", "standing", "begins_critical", "contact")  # where a table does not have them
-DERIVED = ("apart", "group", "veh_name", "ped_name", "veh_length", "veh_width")  # likewise, without a warning
+DERIVED = ("apart", "group", "veh_name", "ped_name", "veh_length", "veh_width", "kind")  # likewise, without a warning
 _WHAT = "a near-miss table"
 _FLOATS = [name for name, column in NEAR_MISS_COLUMNS.items() if column.dtype is pl.Float64]
 _SIZES = ("veh_length", "veh_width")
@@ -66,18 +67,19 @@ _CONSTANT = (*_PAIR, "standing", "begins_critical", "contact", *DERIVED)  # with
 TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
 
 
-def read_near_misses(name: str | Path) -> pl.DataFrame:
-    """Read and check a near-miss table, or a part of it.
+def read_near_misses(name: str | Path, kinds: Collection[str] = (WALKER,)) -> pl.DataFrame:
+    """Read and check a near-miss table, or a part of it: by default its walkers, since people learn from walkers alone.
 
     :param name: a path, or "right_turns" for the one shipped with the package; NAME/PART: only clips whose names begin
         with "PART/", such as "right_turns/train", or that one clip.
+    :param kinds: of `KINDS`, those of the pedestrians to read.
 
     Tables from before November 2026, and tables of other programs, may lack the columns `WORKED_OUT`; a warning says
     so. They may also lack the columns `DERIVED`, which follow from the other columns and the metadata.
 
     :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
     :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy;
-        or no clip of the part, and names those there are.
+        or no clip of the part, or nobody of these kinds, and names those there are.
     """
     path, part = near_misses_part(name)
     table = read_parquet(path, _WHAT)
@@ -89,7 +91,15 @@ def read_near_misses(name: str | Path) -> pl.DataFrame:
             stacklevel=2,
         )
     sizes = {} if set(_SIZES) <= set(table.columns) else _sizes(path)
-    return _of_part(check_near_misses(table, str(path), sizes), part, path)
+    table = check_near_misses(table, str(path), sizes)
+    chosen = table.filter(pl.col("kind").is_in(list(kinds)))
+    if chosen.is_empty():
+        others = ", ".join(table["kind"].unique().sort())
+        raise InvalidInput(
+            f"{path}: no near miss of a {' or '.join(kinds)}, but of {others}; import its recordings by `--kinds "
+            f"{','.join(kinds)}`, or take another table"
+        )
+    return _of_part(chosen, part, path)
 
 
 def _of_part(table: pl.DataFrame, part: str, path: Path) -> pl.DataFrame:
@@ -161,6 +171,8 @@ def check_near_misses(
         elif name in _SIZES:
             bad = bad | (pl.col(name) <= 0.0)
         _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
+    if "kind" in given:
+        _refuse_first(table, ~pl.col("kind").is_in(KINDS), "kind", where, " or ".join(KINDS))
     _check_order(table, where, given)
     _check_motion(table, where)
     if len(given) == len(NEAR_MISS_COLUMNS):

@@ -24,6 +24,7 @@ from vpsci_ros.safety import (
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
+WALKER, CYCLIST, SCOOTER = KINDS = ("walker", "cyclist", "scooter")  # of pedestrians; people learn from walkers
 STANDING_SPEED = 0.5  # [m/s] a vehicle below it at the first critical step stands
 APART = 5.0  # [m] two paths that never come so near to each other are apart
 LEAST_BEFORE = 3  # steps before the first critical one; with fewer a track begins critical
@@ -85,7 +86,11 @@ def completed(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]] | No
         if name not in table.columns:
             known = [(sizes or {}).get(source, (VEHICLE_LENGTH, VEHICLE_WIDTH))[i] for source in table["source"]]
             table = table.with_columns(pl.Series(name, known, pl.Float64))
-    rules = FLAG_RULES | {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
+    rules = (
+        FLAG_RULES
+        | {"kind": pl.lit(WALKER)}
+        | {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
+    )
     table = table.with_columns(**{name: rule for name, rule in rules.items() if name not in table.columns})
     for name, work_out in (("curvttc_causal", _causal), ("apart", _apart), ("group", _groups)):
         if name not in table.columns:

@@ -131,8 +131,8 @@ class PretrainConfig:
     episodes: int = parameter(400, "training iterations, one mini-batch each", low=1, high=10_000_000)
     held_out_clips: list[str] = parameter(
         [],
-        "clips held out of training: SOURCE/CLIP, or a beginning such as cqut-pvi/dev/; [none]: no clip; empty: a "
-        "fifth of the near misses, by whole clips",
+        "clips held out of training: SOURCE/CLIP, or a beginning such as cqut-pvi/dev/; by default a fifth of the near "
+        "misses, by whole clips; [none] holds out no clip",
     )
     evaluate_every: int = constant(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = constant(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)

@@ -1,7 +1,7 @@
 """A check of recordings before their import: near misses as a picture, and sizes, speeds and extent of all tracks."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from vpsci_ros.data.importers import Clip, ImportResult, Track, imported_clips
+from vpsci_ros.data.reference import WALKER
 from vpsci_ros.documents import counted
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png
@@ -30,17 +31,20 @@ def check_recordings(
     path: str | Path,
     fastest: float = math.inf,
     frame_rate: float = 0.0,
+    kinds: Collection[str] = (WALKER,),
+    *,
+    strict: bool = False,
 ) -> list[str]:
     """Draw near misses of all folders as one PNG: both agents' paths, and the vehicle's outline at the onset.
 
     The drawn near misses are spread evenly over those of a folder. Of a folder without near misses the first pairs are
     drawn.
 
-    :param formats: one for each folder, or one for all; fastest, frame_rate: see `import_folders`.
+    :param formats: one for each folder, or one for all; the others: see `import_folders`.
     :returns: lines about each folder: tracks, extent [m], speeds [m/s], sizes [m], near misses, what is left out.
     :raises InvalidInput: a folder holds no vehicle and pedestrian at the same time, or see `import_folders`.
     """
-    read = imported_clips(folders, formats, fastest, frame_rate)
+    read = imported_clips(folders, formats, fastest, frame_rate, kinds, strict=strict)
     rows = ROWS if len(read) == 1 else len(read)
     figure, axes = new_figure(4.0 * COLUMNS, 4.0 * rows, rows, COLUMNS)
     grid, lines = list(axes.flat), []
@@ -121,7 +125,6 @@ def _found(result: ImportResult, drawn: int) -> list[str]:
     (summary,) = result.summaries
     shown = f"{drawn} drawn" if summary.near_misses else f"the first {counted(drawn, 'pair')} drawn"
     return [
-        summary.speeds,
         f"{counted(summary.pairs, 'pair')}, {counted(summary.near_misses, 'near miss', 'near misses')}; {shown}",
-        *(f"left out: {text}: {count:,}" for text, count in summary.left_out.items()),
+        *summary.lines(),
     ]

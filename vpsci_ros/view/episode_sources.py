@@ -19,6 +19,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
+from vpsci_ros.data.reference import KINDS
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
@@ -115,7 +116,7 @@ def open_source(path: str | Path) -> EpisodeSource:
     if path.is_dir():
         raise InvalidInput(f"{path}: neither {DESCRIPTION} nor a bag in it; {EXPECTED}")
     path = path / part
-    table = read_near_misses(path)
+    table = read_near_misses(path, KINDS)
     return EpisodeSource(
         path, "recorded", STEP, recorded_list(table), partial(recorded_episodes, table, source=str(path))
     )

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_csv, require_columns
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, LeftOut, Track, read_csv, require_columns
 from vpsci_ros.documents import require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
@@ -169,7 +169,7 @@ def _shared(one: Floats, other: Floats) -> float:
 
 def _clip(name: str, events: list[_Event], numbers: list[int], twice: int) -> Clip:
     vehicles, pedestrians = [], []
-    left_out = Counter({"events filed twice": twice})
+    left_out = Counter[str]()
     first = 0
     for event, number in zip(events, numbers, strict=True):
         try:
@@ -180,7 +180,8 @@ def _clip(name: str, events: list[_Event], numbers: list[int], twice: int) -> Cl
         vehicles.append(Track(number, first, vehicle))
         pedestrians.append(Track(number, first, pedestrian))
         first += len(vehicle["x"]) + _APART
-    return Clip(name, vehicles, pedestrians, left_out, ASSUMED)
+    unlike = {reason: LeftOut(count) for reason, count in left_out.items()}
+    return Clip(name, vehicles, pedestrians, {"events filed twice": twice}, ASSUMED, road_users=unlike)
 
 
 def _tracks(event: _Event) -> tuple[dict[str, Floats], dict[str, Floats]]:

@@ -3,14 +3,27 @@
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.layout import classes_in, clip_of
 from vpsci_ros.data.importers.layout_file import FILE, LENGTH, WIDTH, Layout, LayoutFile, read_layout_file
-from vpsci_ros.data.importers.tracks import LINE, WHOLE, Clip, Importer, merged, read_csv, require_columns
+from vpsci_ros.data.importers.tracks import (
+    LINE,
+    Clip,
+    Importer,
+    Unusable,
+    alike,
+    attempted,
+    merged,
+    read_csv,
+    require_columns,
+    unusable,
+)
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import reason, shown
 from vpsci_ros.errors import InvalidInput
@@ -27,35 +40,46 @@ def described(folder: Path, description: Path | None = None, frame_rate: float =
     :param description: the layout's file; None: `layout.yaml` in the folder.
     :param frame_rate: in place of the layout's, if above 0 [1/s].
     :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong, or whose classes do not occur
-        (of a `description`, none of them); or see `layout.clip_of`.
+        (of a `description`, none of them).
     """
     path = description or folder / FILE
     keys = read_layout_file(path)
-    layouts = [replace(layout, frame_rate=frame_rate or layout.frame_rate) for layout in keys.layouts]
-    files = _files(folder, keys, path)
+    own, usable = description is None, list[bool]()
+    layouts = [replace(each, described=own, frame_rate=frame_rate or each.frame_rate) for each in keys.layouts]
+    size = keys.length, keys.width
+    common: dict[str, Any] = {"source": keys.source, "size": size, "fixed": keys.fixed, "described": own}
     seen = Counter[str]()
-    for file in files:
+    for file in _files(folder, keys, path):
         name = file.relative_to(folder).with_suffix("").as_posix()
-        for part, table, left_out in _clips(file, keys):
-            if keys.distance:
-                _require_distance(table, keys, layouts, file)
-            parts = [
-                clip_of(f"{name}{part}", {file: (_rows_of(table, layout, len(layouts)), layout)}, lenient=True)
-                for layout in layouts
+        try:
+            clips = [
+                attempted(name + part, partial(_clip, name + part, file, table, keys, layouts, seen), left_out)
+                for part, table, left_out in _clips(file, keys)
             ]
-            clip = merged(parts)
-            size, counts = (keys.length, keys.width), {**clip.left_out, **left_out}
-            yield replace(clip, left_out=counts, source=keys.source, size=size, fixed=keys.fixed)
-            seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
+        except InvalidInput as error:
+            clips = [unusable(name, error)]
+        usable += [not any(clip.unusable) for clip in clips]
+        yield from (replace(clip, **common) for clip in clips)
     layout = layouts[0]
     for key, named in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)) * (len(layouts) == 1):
         wanted = named - seen.keys()
-        if wanted == named or (wanted and description is None):
+        if any(usable) and (wanted == named or (wanted and own and all(usable))):
             counted = ", ".join(f"{name!r} ({count} road users)" for name, count in sorted(seen.items()))
             raise InvalidInput(
                 f"{path}: {key}: none of {', '.join(sorted(wanted))} occurs in column {layout.columns['class']}, which "
                 f"has {counted}"
             )
+
+
+def _clip(
+    name: str, file: Path, table: pl.DataFrame, keys: LayoutFile, layouts: list[Layout], seen: Counter[str]
+) -> Clip:
+    """Return a clip of a table, and count its classes in `seen`, of a layout that has any."""
+    if keys.distance:
+        _require_distance(table, keys, layouts, file)
+    parts = [clip_of(name, {file: (_rows_of(table, layout, len(layouts)), layout)}) for layout in layouts]
+    seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
+    return merged(parts)
 
 
 def _files(folder: Path, keys: LayoutFile, path: Path) -> list[Path]:
@@ -99,9 +123,10 @@ def _require_distance(table: pl.DataFrame, keys: LayoutFile, layouts: list[Layou
     rows = table.select(apart=apart, said=pl.col(keys.distance).cast(pl.Float64, strict=False)).drop_nulls()
     apart_, said = (float(np.median(rows[name].to_numpy())) * layouts[0].metres for name in ("apart", "said"))
     if abs(apart_ - said) > max(OFF[0], OFF[1] * apart_):
-        raise InvalidInput(
+        raise Unusable(
+            "clips whose distances contradict their positions",
             f"{file}: column {keys.distance} says {said:.3g} m, the positions are {apart_:.3g} m apart (medians); they "
-            "may be of another unit or of other points of the vehicle; or leave the column out"
+            "may be of another unit or of other points of the vehicle; or leave the column out",
         )
 
 
@@ -135,7 +160,7 @@ def _not_lost(table: pl.DataFrame, column: str, file: Path) -> pl.DataFrame:
     :raises InvalidInput: no such column, or a value that is no mark.
     """
     require_columns(table, [column], file)
-    text = table[column].cast(pl.String).str.strip_chars().str.to_lowercase().str.replace(WHOLE, "${1}").fill_null("")
+    text = alike(table[column]).str.to_lowercase().fill_null("")
     if (odd := table.filter(~text.is_in(list(_MARKS)))).height:
         raise InvalidInput(
             f"{file}: line {odd[LINE][0]}, column {column}: expected 0 or 1, true or false, got {shown(odd[column][0])}"

@@ -3,19 +3,22 @@
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import fields, replace
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.pairs import near_misses_of
-from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
-from vpsci_ros.data.importers.tracks import Clip, Importer, require_source
+from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, require_agreement
+from vpsci_ros.data.importers.tracks import Clip, Importer, added, require_source
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.data.near_misses import concat_near_misses
+from vpsci_ros.data.reference import KINDS, WALKER
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 
@@ -24,62 +27,85 @@ IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
 def import_trajectories(
-    folder: str | Path, format_name: str, fastest: float = math.inf, frame_rate: float = 0.0
+    folder: str | Path,
+    format_name: str,
+    fastest: float = math.inf,
+    frame_rate: float = 0.0,
+    kinds: Collection[str] = (WALKER,),
+    *,
+    strict: bool = False,
 ) -> ImportResult:
     """Return the near misses of every clip of a folder, read as published.
 
     :param format_name: of `IMPORTERS`; the table's `source`, unless the folder itself names it.
     :param fastest: median speed of a pedestrian above which it is left out [m/s].
     :param frame_rate: of files that count frames [1/s]; 0: the format's.
-    :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should, or a
-        frame rate for a format whose files have times.
+    :param kinds: of `KINDS`, those of the pedestrians to import.
+    :param strict: refuse the first clip or road user that a check would leave out.
+    :raises InvalidInput: an unknown format, a missing folder, or recordings most of which do not hold what they should;
+        or a frame rate for a format whose files have times.
     """
-    importer = IMPORTERS.find(format_name)
-    clips = _clips(importer, Path(folder), format_name, frame_rate)
-    return near_misses_of(format_name, clips, length=importer.length, width=importer.width, fastest=fastest)
-
-
-def _clips(importer: Importer, folder: Path, form: str, frame_rate: float) -> Iterable[Clip]:
-    if frame_rate and not importer.frame_rate:
-        raise InvalidInput(f"--frame-rate: files of format {form} say their own frame rate or times; leave it out")
-    return importer.read(folder, frame_rate=frame_rate) if frame_rate else importer.read(folder)
+    return import_folders([folder], [format_name], fastest, frame_rate, kinds, strict=strict)
 
 
 def imported_clips(
-    folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf, frame_rate: float = 0.0
+    folders: Sequence[str | Path],
+    formats: Sequence[str],
+    fastest: float = math.inf,
+    frame_rate: float = 0.0,
+    kinds: Collection[str] = (WALKER,),
+    *,
+    strict: bool = False,
+    keep: bool = True,
 ) -> list[tuple[list[Clip], ImportResult]]:
     """Return the clips of each folder and their near misses.
 
-    :param formats: one for each folder, or one for all; fastest, frame_rate: see `import_trajectories`.
-    :raises InvalidInput: formats that do not match the folders, or see `import_trajectories`.
+    :param formats: one for each folder, or one for all; the others: see `import_trajectories`.
+    :param keep: false: without the clips, each of which is then in memory for a while only.
+    :raises InvalidInput: formats that do not match the folders, an unknown kind, or see `import_trajectories`.
     """
+    if not kinds or set(kinds) - {*KINDS}:
+        raise InvalidInput(f"--kinds {','.join(kinds)}: expected one or some of {','.join(KINDS)}")
     found = []
     for folder, form in _with_formats(folders, formats):
         importer = IMPORTERS.find(form)
-        clips = list(_clips(importer, folder, form, frame_rate))
-        result = near_misses_of(form, clips, length=importer.length, width=importer.width, fastest=fastest)
-        found.append((clips, result))
+        if frame_rate and not importer.frame_rate:
+            raise InvalidInput(f"--frame-rate: files of format {form} say their own frame rate or times; leave it out")
+        clips = importer.read(folder, frame_rate=frame_rate) if frame_rate else importer.read(folder)
+        clips = list(clips) if keep else clips
+        size = {"length": importer.length, "width": importer.width}
+        result = near_misses_of(form, clips, **size, fastest=fastest, kinds=kinds, strict=strict)
+        found.append((list(clips) if keep else [], result))
+    require_agreement(_of_each_source([result for _, result in found]))
     return found
 
 
 def import_folders(
-    folders: Sequence[str | Path], formats: Sequence[str], fastest: float = math.inf, frame_rate: float = 0.0
+    folders: Sequence[str | Path],
+    formats: Sequence[str],
+    fastest: float = math.inf,
+    frame_rate: float = 0.0,
+    kinds: Collection[str] = (WALKER,),
+    *,
+    strict: bool = False,
 ) -> ImportResult:
     """Import several folders into one table, with consecutive interaction numbers.
 
-    :param formats: one for each folder, or one for all; fastest, frame_rate: see `import_trajectories`.
+    :param formats: one for each folder, or one for all; the others: see `import_trajectories`.
     :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
     """
-    results = [
-        import_trajectories(folder, form, fastest, frame_rate) for folder, form in _with_formats(folders, formats)
-    ]
+    found = imported_clips(folders, formats, fastest, frame_rate, kinds, strict=strict, keep=False)
+    results = [result for _, result in found]
     results = with_unique_clip_names([Path(folder) for folder in folders], results)
-    table = concat_near_misses([result.table for result in results])
-    by_source: dict[str, list[SourceSummary]] = {}
+    return ImportResult(concat_near_misses([result.table for result in results]), _of_each_source(results))
+
+
+def _of_each_source(results: Sequence[ImportResult]) -> tuple[SourceSummary, ...]:
+    """Return one summary of each source, with sums over its folders."""
+    by_source: dict[str, list[ImportResult]] = {}
     for result in results:
-        for summary in result.summaries:
-            by_source.setdefault(summary.source, []).append(summary)
-    return ImportResult(table, tuple(_of_one_source(own, table) for own in by_source.values()))
+        by_source.setdefault(result.summaries[0].source, []).append(result)
+    return tuple(_of_one_source(own) for own in by_source.values())
 
 
 def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list[tuple[Path, str]]:
@@ -131,18 +157,26 @@ def _refuse_copies(folders: Sequence[Path], tables: Sequence[pl.DataFrame]) -> N
                 raise InvalidInput(f"{folder}: its clip {clip} is that of {other} to the bit; give each recording once")
 
 
-def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> SourceSummary:
+def _of_one_source(results: Sequence[ImportResult]) -> SourceSummary:
     """Return the summed counts of several folders of one source."""
+    parts = [result.summaries[0] for result in results]
     if len(parts) == 1:
         return parts[0]
-    left_out: Counter[str] = Counter()
-    for part in parts:
-        left_out.update(part.left_out)
-    names = ("clips", "pairs", "near_misses", "steps", "critical_steps", "vehicles", "pedestrians", "fast")
-    sums = {name: sum(getattr(part, name) for part in parts) for name in names}
-    assumed = dict.fromkeys(text for part in parts for text in part.assumed)
-    quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
-    return replace(parts[0], **sums, quartiles=quartiles, left_out=dict(left_out), assumed=tuple(assumed))
+    counts = [field.name for field in fields(SourceSummary) if field.type is int]
+    sums: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in counts}
+    left_out: Counter[str] = sum((Counter(part.left_out) for part in parts), Counter())
+    assumed = tuple(dict.fromkeys(text for part in parts for text in part.assumed))
+    of_all = [pl.format("{} {}", pl.lit(i), "interaction").alias("interaction") for i in range(len(parts))]
+    least = pl.concat(result.table.select(own, "curvttc") for result, own in zip(results, of_all, strict=True))
+    checks = reduce(added, (part.checks for part in parts))
+    return replace(
+        parts[0],
+        **sums,
+        quartiles=least_quartiles(least),
+        left_out=dict(left_out),
+        assumed=assumed,
+        checks=checks,
+    )
 
 
 def named(result: ImportResult, name: str) -> ImportResult:

@@ -7,7 +7,7 @@ at 0.1 s.
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import directions
-from vpsci_ros.data.importers.agreement import require_headings, require_sizes, require_speeds, steps
+from vpsci_ros.data.importers.agreement import checked_table, steps
 from vpsci_ros.data.importers.layout_file import BOX, TICKS, Layout
 from vpsci_ros.data.importers.tracks import (
     BACKWARDS,
@@ -23,10 +23,14 @@ from vpsci_ros.data.importers.tracks import (
     LARGEST,
     LINE,
     MAX_GAP,
-    WHOLE,
     Clip,
     Floats,
+    LeftOut,
     Track,
+    Unusable,
+    Verdict,
+    added,
+    alike,
     longest_gap,
     merged,
     require_columns,
@@ -36,12 +40,14 @@ from vpsci_ros.data.importers.tracks import (
     spacing,
 )
 from vpsci_ros.data.near_misses import TURN_LIMIT
+from vpsci_ros.data.reference import WALKER
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
-UNREADABLE = "road users that cannot be read"  # a count of `Clip.left_out`
-NAMELESS = "rows without an id"  # a count of `Clip.left_out`
+NAMELESS, PLACELESS = "rows without an id", "rows without a position"  # counts of `Clip.left_out`
+CHANGES = "road users that change their class for some frames, and count by the class of most"  # likewise
+CLASS = "class of the road user"  # a column with the class that counts
 TURNS = (
     "jumps of a vehicle's heading, such as those of reversing, at which tracks are cut"  # a count of `Clip.left_out`
 )
@@ -51,38 +57,38 @@ MOVING = 1.0  # [m/s] above it the direction of motion says what the heading mus
 FASTEST_PEDESTRIAN, FASTEST_VEHICLE = 12.0, 60.0  # [m/s] faster is a jump: another road user has the track's id
 DRIVEN = 0.5  # [m] that a vehicle without a heading drives before its heading changes
 _STANDING = 0.3  # [m/s] a vehicle that takes longer than that for `DRIVEN` has stood
+_CHANGES_WITHIN = 2.0  # [s] from one row to the next a road user may change its class; later it is another one
+_COARSE = 0.03  # [s] between two numbers in which times of frames fall together
 _FEW = 100  # rows, of which each may be a road user of its own
 _DATE = r"^\d{4}-\d\d?-\d\d?|^\d\d?:\d\d"  # how a date or a time of day begins
 
 
-def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]], *, lenient: bool = False) -> Clip:
-    """Return a clip made of one or several tables, given by file.
+def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Clip:
+    """Return a clip made of one or several tables, given by file; `road_users` counts those that checks leave out.
 
-    :param lenient: leave out, and count, road users with a value that is no number or a frame that comes twice, if
-        they are fewer than half, and neither all vehicles nor all pedestrians.
-    :raises InvalidInput: a column that is missing, a value that is no number, frames of a road user that come twice,
-        or frame rate, units or headings that contradict the motion.
+    :raises InvalidInput: a column that is missing, dates in place of numbers, rows without tracks or too far apart, or
+        times that have lost their precision.
     """
-    return merged([_clip_of(name, path, table, layout, lenient) for path, (table, layout) in parts.items()])
+    return merged([_clip_of(name, path, table, layout) for path, (table, layout) in parts.items()])
 
 
-def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout, lenient: bool) -> Clip:
+def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
     require_columns(table, layout.columns.values(), path)
-    rate, left_out, assumed = layout.rate, Counter(_other_classes(table, layout)), list[str]()
     _require_tracks(table, layout, path)
-    if lenient and "id" in layout.columns and (known := table.drop_nulls(layout.columns["id"])).height:
-        left_out[NAMELESS] += table.height - known.height
-        table = known
+    table, left_out = _steady(table, layout)
+    rate, assumed, vehicles, pedestrians = layout.rate, list[str](), list[Track](), list[Track]()
+    road_users = {
+        f"road users of class {other}": LeftOut(count)
+        for other, count in _users_of(table[CLASS], table, layout).items()
+        if other not in layout.vehicles | layout.kinds.keys()
+    }
 
-    def pieces(tracks: pl.DataFrame, names: Mapping[int, str], whose: str, fastest: float) -> Iterator[Track]:
+    def pieces(tracks: pl.DataFrame, users: _Users, fastest: float) -> Iterator[Track]:
+        nonlocal road_users
         gap = longest_gap(tracks, rate, path)
-        tracks, jumps = _without_fast_rows(tracks, rate, fastest)
-        if 2 * jumps > tracks.height:
-            raise InvalidInput(
-                f"{path}: {jumps:,} of {tracks.height:,} rows of {whose} are faster than {fastest:g} m/s; the unit of "
-                "positions or times is another (metres, time_unit, frame_rate), or they are relative to a moving sensor"
-            )
-        left_out[f"speeds of {whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
+        tracks, jumps, verdict = _without_fast_rows(tracks, layout, fastest, users, path)
+        road_users = added(road_users, verdict.count)
+        left_out[f"speeds of {users.whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
         left_out[GAPS] += spaces(tracks, rate).filter(pl.col("seconds") > gap).height
         if gap > MAX_GAP:
             assumed.append(
@@ -90,24 +96,20 @@ def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout, lenient
                 f"tracks are cut at gaps of more than {gap:.2g} s"
             )
         for track in resample(tracks, rate, "heading", gap, fastest):
-            yield replace(smoothed(track, layout.smooth), name=names.get(track.number, ""))
+            kind, own = users.kinds.get(track.number, WALKER), users.names.get(track.number, "")
+            yield replace(smoothed(track, layout.smooth), name=own, kind=kind)
 
-    vehicles, pedestrians = list[Track](), list[Track]()
-    walkers, names, lost_walkers = _canonical(table, layout, layout.pedestrians, path, lenient)
-    cars, car_names, lost_cars = _canonical(table, layout, layout.vehicles, path, lenient)
-    if lost := [*lost_walkers.values(), *lost_cars.values()]:
-        left = [part["id"].n_unique() for part in (walkers, cars)]
-        if len(lost) >= sum(left) or (lost_walkers and not left[0]) or (lost_cars and not left[1]):
-            raise InvalidInput(lost[0])
-        left_out[UNREADABLE] += len(lost)
-        assumed.append(f"the first left out: {lost[0]}")
+    walkers, users, verdicts = _canonical(table, layout, "pedestrians", path)
+    cars, drivers, others = _canonical(table, layout, "vehicles", path)
+    for verdict in (*verdicts, *others):
+        road_users = added(road_users, verdict.count)
     if walkers.height:
-        pedestrians = [_pedestrian(track) for track in pieces(walkers, names, "pedestrians", FASTEST_PEDESTRIAN)]
+        pedestrians = [_pedestrian(track) for track in pieces(walkers, users, FASTEST_PEDESTRIAN)]
         if "vx" not in walkers.columns:
             assumed.append("velocities of pedestrians are slopes of positions over 0.4 s")
     if cars.height:
         forward, left_out[BACKWARDS] = _forward(cars)
-        for track in pieces(forward, car_names, "vehicles", FASTEST_VEHICLE):
+        for track in pieces(forward, drivers, FASTEST_VEHICLE):
             vehicles += _cut_at_turns(_vehicle(track), left_out, reverses="heading" not in cars.columns)
         if not {"vx", "speed"} & set(cars.columns):
             assumed.append("velocities of vehicles are slopes of positions over 0.4 s")
@@ -116,7 +118,9 @@ def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout, lenient
         without = len({track.number for track in vehicles if track.size is None})
         if "length" in cars.columns and without:
             assumed.append(f"sizes of {without} vehicles that have none are the format's")
-    return Clip(name, vehicles, pedestrians, left_out, tuple(assumed))
+    return Clip(
+        name, vehicles, pedestrians, left_out, tuple(assumed), road_users=road_users, described=layout.described
+    )
 
 
 def _require_tracks(table: pl.DataFrame, layout: Layout, path: Path) -> None:
@@ -125,15 +129,55 @@ def _require_tracks(table: pl.DataFrame, layout: Layout, path: Path) -> None:
         return
     column = layout.columns["id"]
     if 2 * (count := table[column].n_unique()) > table.height:
-        raise InvalidInput(
+        raise Unusable(
+            "clips in which most road users have one row",
             f"{path}: column {column} has {count:,} ids in {table.height:,} rows, so most road users have one row; "
-            "expected an id that a road user has in every frame"
+            "expected an id that a road user has in every frame",
         )
+
+
+def _steady(table: pl.DataFrame, layout: Layout) -> tuple[pl.DataFrame, Counter[str]]:
+    """Return the rows that have an id and a position, with `LINE` and `CLASS`, and counts of what was left out.
+
+    A road user whose class changes from one row to the next has the class of most of its rows. Road users that have one
+    id after another, or at once, keep their classes.
+    """
+    left_out = Counter[str]()
+    if LINE not in table.columns:
+        table = table.with_columns(pl.int_range(2, 2 + pl.len()).alias(LINE))
+    for what, names in ((NAMELESS, ("id",)), (PLACELESS, ("x", "y", *BOX))):
+        columns = [pl.col(layout.columns[name]).cast(pl.String) for name in names if name in layout.columns]
+        empty = [column.is_null() | (column.str.strip_chars().str.to_lowercase() == "nan") for column in columns]
+        known = table.filter(~pl.any_horizontal(empty)) if empty else table
+        left_out[what], table = table.height - known.height, known
+    table = table.with_columns(_classes(table, layout).alias(CLASS))
+    rows = table.select(CLASS, LINE, id=_names(table, layout))
+    several = rows.select("id", CLASS).unique().filter(pl.col("id").is_duplicated())["id"]
+    if several.is_empty():
+        return table, left_out
+    rows = rows.filter(pl.col("id").is_in(several.unique().implode()))
+    clock, seconds = ("frame", 1.0 / layout.rate) if "frame" in layout.columns else ("time", layout.time_unit)
+    wanted = {"t": (clock, seconds)} | {n: (n if n in layout.columns else f"{n}_min", layout.metres) for n in "xy"}
+    numbers = {n: pl.col(layout.columns[c]).cast(pl.Float64, strict=False) * unit for n, (c, unit) in wanted.items()}
+    rows = rows.join(table.select(LINE, **numbers), on=LINE).sort("id", "t", maintain_order=True)
+    alone = pl.struct("id", "t").is_unique().all().over("id")
+    dx, dy, dt = (pl.col(name).diff().over("id") for name in "xyt")
+    cut = (dt > _CHANGES_WITHIN) | ((dx**2 + dy**2).sqrt() > FASTEST_VEHICLE * dt)
+    rows = rows.with_columns(piece=(cut.fill_null(True)).cum_sum()).filter(alone)
+    most = pl.col(CLASS).drop_nulls().mode(maintain_order=True).first().over("piece")
+    changed = rows.with_columns(most=most).filter(pl.col("most") != pl.col(CLASS).fill_null(""))
+    left_out[CHANGES] = changed["id"].n_unique()
+    table = table.join(changed.select(LINE, "most"), on=LINE, how="left", maintain_order="left")
+    return table.with_columns(pl.coalesce("most", CLASS).alias(CLASS)).drop("most"), left_out
 
 
 def classes_in(table: pl.DataFrame, layout: Layout) -> Counter[str]:
     """Return the number of road users of each class."""
-    rows = pl.DataFrame({"class": _classes(table, layout), "id": _names(table, layout)})
+    return _users_of(_classes(table, layout), table, layout)
+
+
+def _users_of(classes: pl.Series, table: pl.DataFrame, layout: Layout) -> Counter[str]:
+    rows = pl.DataFrame({"class": classes, "id": _names(table, layout)})
     return Counter(dict(rows.group_by("class").agg(pl.col("id").n_unique()).sort("class").rows()))
 
 
@@ -145,15 +189,16 @@ def _names(table: pl.DataFrame, layout: Layout) -> pl.Series:
 def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
     if "class" not in layout.columns:
         return pl.Series("class", [next(iter(layout.vehicles | layout.pedestrians))]).new_from_index(0, table.height)
-    text = table[layout.columns["class"]].cast(pl.String).str.strip_chars()
-    return text.str.replace(WHOLE, "${1}").str.to_lowercase()
+    return alike(table[layout.columns["class"]]).str.to_lowercase()
 
 
-def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
-    """Return the number of road users of each class that is neither a vehicle nor a pedestrian."""
-    known = layout.vehicles | layout.pedestrians
-    counts = classes_in(table, layout)
-    return {f"road users of class {name}": count for name, count in counts.items() if name not in known}
+@dataclass(frozen=True)
+class _Users:
+    """The road users of one role in a table: their ids and their kinds by number, where they have any."""
+
+    whose: str
+    names: Mapping[int, str]
+    kinds: Mapping[int, str]
 
 
 class _Rows:
@@ -181,7 +226,7 @@ class _Rows:
         if given.dtype.is_temporal():
             raise InvalidInput(
                 f"{self.path}: column {column} holds timestamps ({given.dtype}); expected numbers: write it as "
-                "seconds, or in another unit with time_unit"
+                "seconds since any instant"
             )
         text = given.str.strip_chars() if given.dtype == pl.String else given
         numbers = text.cast(pl.Float64, strict=False)
@@ -208,17 +253,17 @@ class _Rows:
 
 
 def _canonical(
-    table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path, lenient: bool
-) -> tuple[pl.DataFrame, dict[int, str], dict[int, str]]:
-    """Return the rows of the classes `kinds` in metres and radians, the names of ids, and what is unreadable of which.
+    table: pl.DataFrame, layout: Layout, whose: str, path: Path
+) -> tuple[pl.DataFrame, _Users, list[Verdict]]:
+    """Return the rows of vehicles or pedestrians in metres and radians, who they are, and whom checks leave out.
 
-    The rows have id, frame, x, y, and those of vx, vy, speed, heading, length, width that the layout has. The names are
-    given by the numbers in the column id; they are there where an id is no number.
+    The rows have id, frame, x, y, and those of vx, vy, speed, heading, length, width that the layout has.
+
+    :param table: with `LINE` and `CLASS`.
     """
-    if LINE not in table.columns:
-        table = table.with_columns(pl.int_range(2, 2 + pl.len()).alias(LINE))
-    table = table.filter(_classes(table, layout).is_in(list(kinds)))
-    rows, walk = _Rows(table, path), kinds == layout.pedestrians
+    walk = whose == "pedestrians"
+    table = table.filter(pl.col(CLASS).is_in(list(layout.kinds if walk else layout.vehicles)))
+    rows = _Rows(table, path)
     names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
     if walk:
         names = [name for name in names if name in ("x", "y", *BOX, "vx", "vy")]
@@ -226,6 +271,7 @@ def _canonical(
     clock = layout.columns["frame" if "frame" in layout.columns else "time"]
     ticks = rows.numbers(clock)
     if "time" in layout.columns:
+        _require_precision(ticks, layout, path)
         ticks = (ticks * (layout.time_unit * TICKS)).round()
     found = {"id": ids, "frame": rows.whole(ticks, clock)}
     for name in names:
@@ -239,36 +285,49 @@ def _canonical(
     tracks = tracks.sort("id", "frame", maintain_order=True)
     twice = tracks.select("row", twice=(pl.struct("id", "frame").is_duplicated() & ~pl.col("bad"))).sort("row")["twice"]
     rows.mark(twice, lambda row: ": this frame of this road user comes twice; keep one")
-    if rows.faults and not lenient:
-        raise InvalidInput(next(iter(rows.faults.values())))
-    lost = {int(number): min(rows.faults.items())[1] for number in ids.filter(rows.bad).unique()}
-    tracks = tracks.filter(~pl.col("id").is_in(list(lost))).drop("row", "bad")
+    lost = ids.filter(rows.bad).unique().to_list()
+    verdict = Verdict(
+        f"{whose} that cannot be read", ids.n_unique(), lost, min(rows.faults.items(), default=(0, ""))[1]
+    )
+    tracks = verdict.rest(tracks.drop("row", "bad"))
+    said = tracks
     if walk and "speed" in layout.columns and layout.speeds_agree:
-        said = table[layout.columns["speed"]].cast(pl.Float64, strict=False) * layout.unit("speed")
-        speeds = pl.DataFrame({"id": ids, "frame": found["frame"], "speed": said}).unique(["id", "frame"])
-        require_speeds(tracks.join(speeds, ["id", "frame"], "left", maintain_order="left"), layout, path)
-    elif layout.speeds_agree:
-        require_speeds(tracks, layout, path)
+        speed = table[layout.columns["speed"]].cast(pl.Float64, strict=False) * layout.unit("speed")
+        speeds = pl.DataFrame({"id": ids, "frame": found["frame"], "speed": speed}).unique(["id", "frame"])
+        said = tracks.join(speeds, ["id", "frame"], "left", maintain_order="left")
+    said, verdicts = checked_table(said, layout, whose, str(path), named)
+    tracks = said.select(tracks.columns)
     if "heading" in found:
-        require_headings(tracks, layout, path)
         tracks = tracks.with_columns(layout.directions(tracks["heading"], layout.angle, layout.heading))
-    if "length" in found:
-        require_sizes(tracks, layout, path)
-    return tracks, named, lost
+    kinds = (
+        dict(zip(ids, table[CLASS].replace_strict(layout.kinds, return_dtype=pl.String), strict=True)) if walk else {}
+    )
+    return tracks, _Users(whose, named, kinds), [verdict, *verdicts]
+
+
+def _require_precision(times: pl.Series, layout: Layout, path: Path) -> None:
+    """Refuse times of single precision that are so large that frames fall together, such as those of an epoch."""
+    if times.is_empty() or not (times.cast(pl.Float32).cast(pl.Float64) == times).all():
+        return
+    latest = float(times.abs().max())  # type: ignore[arg-type]
+    if (step := float(np.spacing(np.float32(latest))) * layout.time_unit) > _COARSE:
+        raise Unusable(
+            "clips whose times have lost their precision",
+            f"{path}: column {layout.columns['time']}: times have lost their precision: as numbers of single precision "
+            f"(float32) they are {step:.3g} s apart at {latest:.10g}; write them in double precision (float64), or "
+            "count them from the first frame",
+        )
 
 
 def _ids(rows: _Rows, layout: Layout) -> tuple[pl.Series, dict[int, str]]:
     """Return ids as whole numbers, and the names of those that are none: their places in alphabetical order."""
     ids = _names(rows.table, layout)
-    column = layout.columns.get("id", "")
-    rows.mark(ids.is_null(), lambda row: f", column {column}: expected an id, got nothing")
-    numbers = ids.cast(pl.Float64, strict=False)
-    if numbers.null_count() > ids.null_count():
-        places = ids.cast(pl.String).rank("dense").cast(pl.Int64).fill_null(0)
-        return places, dict(zip(places, ids.cast(pl.String).fill_null(""), strict=True))
-    whole = ids.cast(pl.Int64, strict=False)
-    exact = whole.null_count() > ids.null_count() or ids.dtype.is_float()
-    return rows.whole(numbers.fill_null(0.0), column) if exact else whole.fill_null(0), {}
+    numbers, whole = ids.cast(pl.Float64, strict=False), ids.cast(pl.Int64, strict=False)
+    if numbers.null_count():
+        places = ids.cast(pl.String).rank("dense").cast(pl.Int64)
+        return places, dict(zip(places, ids.cast(pl.String), strict=True))
+    exact = whole.null_count() or ids.dtype.is_float()
+    return rows.whole(numbers, layout.columns.get("id", "")) if exact else whole, {}
 
 
 def smoothed(track: Track, window: float) -> Track:
@@ -321,20 +380,38 @@ def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
     return forward, cars.height - forward.height
 
 
-def _without_fast_rows(tracks: pl.DataFrame, rate: float, fastest: float) -> tuple[pl.DataFrame, int]:
-    """Return the rows whose speed is at most `fastest` [m/s], and the number of the other rows and of jumps.
+def _without_fast_rows(
+    tracks: pl.DataFrame, layout: Layout, fastest: float, users: _Users, path: Path
+) -> tuple[pl.DataFrame, int, Verdict]:
+    """Return the rows whose speed is at most `fastest` [m/s], the number of other rows and of jumps, and a verdict.
 
-    A jump is a step between two rows of a road user that would take a higher speed than `fastest`.
+    A jump is a step between two rows of a road user that would take a higher speed than `fastest`. Road users most of
+    whose rows are so are left out.
     """
+    said = pl.lit(0.0)
     if "vx" in tracks.columns:
-        tracks, whole = tracks.filter((pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt() <= fastest), tracks.height
+        said = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
     elif "speed" in tracks.columns:
-        tracks, whole = tracks.filter(pl.col("speed") <= fastest), tracks.height
-    else:
-        whole = tracks.height
+        said = pl.col("speed")
+    slow = tracks.filter(said <= fastest)
     way = (pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt()
-    jumps = steps(tracks, rate).filter(way > fastest * pl.col("seconds")).height
-    return tracks, whole - tracks.height + jumps
+    jumps = steps(slow, layout.rate).filter(way > fastest * pl.col("seconds"))
+    fast = pl.concat([tracks.filter(said > fastest).select("id"), jumps.select("id")]).group_by("id").len("fast")
+    shares = tracks.group_by("id", maintain_order=True).len("rows").join(fast, "id", "left", maintain_order="left")
+    most = shares.filter(2 * pl.col("fast") > pl.col("rows"))
+    text = ""
+    if most.height:
+        number, count, of = most.select("id", "fast", "rows").row(0)
+        text = (
+            f"{path}, road user {users.names.get(number, number)}: {count:,} of {of:,} rows of {users.whose} are "
+            f"faster than {fastest:g} m/s; the unit of positions or times is another"
+            + " (metres, time_unit, frame_rate)" * layout.described
+            + ", or they are relative to a moving sensor"
+        )
+    what = f"{users.whose} faster than {fastest:g} m/s in most of their rows"
+    verdict = Verdict(what, shares.height, most["id"].to_list(), text)
+    others = int(shares["fast"].fill_null(0).sum()) - int(most["fast"].sum())
+    return verdict.rest(slow), others, verdict
 
 
 def _velocity(own: Mapping[str, Floats]) -> tuple[Floats, Floats]:

@@ -11,7 +11,8 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.importers.tracks import require_source
+from vpsci_ros.data.importers.tracks import alike, require_source
+from vpsci_ros.data.reference import CYCLIST, SCOOTER, WALKER
 from vpsci_ros.documents import read_yaml, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
@@ -36,6 +37,11 @@ _COLUMNS = (
 )
 _OF_ROWS = ("lost", "distance")  # of a row, not of a road user
 _ROLES = ("vehicle", "pedestrian")
+_SAID = {  # kinds that names of classes say; "it": of rows that hold a pedestrian each
+    WALKER: "pedestrian pedestrians person persons people ped peds walker adult child human it",
+    CYCLIST: "bicycle bicyclist bike biker cyclist",
+    SCOOTER: "e-scooter escooter scooter scooterist",
+}
 _RETIRED = {"degrees": "units: {angle: deg}", "compass": "heading: clockwise from north"}
 
 
@@ -46,8 +52,10 @@ class Layout:
     :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y` (or `x_min`, `y_min`, `x_max`, `y_max` of a box), and
         optionally `vx`, `vy`, `speed` (along the heading), `heading`, `length`, `width`: the name of the column.
         Without `id` all rows are of one road user.
-    :ivar vehicles, pedestrians: values of `class` that count as such, in small letters; others are left out. Without a
-        column `class` one of both is empty, and every track is of the other kind.
+    :ivar vehicles, pedestrians: values of `class` that count as such, in small letters, numbers as `alike` writes them;
+        others are left out. Without a column `class` one of both is empty, and every track is of the other kind.
+    :ivar cyclists, scooters: values of `class` that count as pedestrians of these kinds.
+    :ivar mixed: classes of pedestrians whose names do not say otherwise may hold cyclists, too.
     :ivar frame_rate: frames a second, where there is `frame`.
     :ivar time_unit: seconds in one unit of `time`.
     :ivar metres: metres in one unit of positions.
@@ -56,8 +64,9 @@ class Layout:
     :ivar heading: a key of `HEADINGS`. "from x to y" holds in the file's axes, the others are seen from above.
     :ivar y_down: y points down, or to the right of x: y changes its sign.
     :ivar smooth: window [s] of the parabolas that smooth positions; 0: they are not smoothed.
-    :ivar speeds_agree: refuse a table whose speeds differ from its positions by a tenth; false for filtered speeds,
-        which lag behind.
+    :ivar described: of a user's `layout.yaml`, whose keys messages name.
+    :ivar speeds_agree: leave out road users whose speeds differ from their positions by a tenth; false for filtered
+        speeds, which lag behind.
     """
 
     columns: Mapping[str, str]
@@ -73,10 +82,22 @@ class Layout:
     y_down: bool = False
     smooth: float = 0.0
     speeds_agree: bool = True
+    cyclists: frozenset[str] = frozenset()
+    scooters: frozenset[str] = frozenset()
+    mixed: bool = False
+    described: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("vehicles", "pedestrians"):
-            object.__setattr__(self, name, frozenset(value.lower() for value in getattr(self, name)))
+        for name in ("vehicles", "pedestrians", "cyclists", "scooters"):
+            values = alike(pl.Series(sorted(getattr(self, name)), dtype=pl.String)).str.to_lowercase()
+            object.__setattr__(self, name, frozenset(values))
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """The kind of each class of pedestrians; "" where speeds have to say it."""
+        said = {name: kind for kind, names in _SAID.items() for name in self.pedestrians & {*names.split()}}
+        kinds = dict.fromkeys(self.pedestrians, "" if self.mixed else WALKER) | said
+        return kinds | dict.fromkeys(self.cyclists, CYCLIST) | dict.fromkeys(self.scooters, SCOOTER)
 
     @property
     def rate(self) -> float:
@@ -145,6 +166,8 @@ KEYS: dict[str, tuple[Any, Callable[[Any], bool], str]] = {  # key -> default, c
     "pedestrian": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
     "vehicles": ([], lambda value: isinstance(value, list), _LIST),
     "pedestrians": ([], lambda value: isinstance(value, list), _LIST),
+    "cyclists": ([], lambda value: isinstance(value, list), _LIST),
+    "scooters": ([], lambda value: isinstance(value, list), _LIST),
     "frame_rate": (0.0, lambda value: value == 0.0 or _number(value), "a number above 0"),
     "time_unit": (1.0, _number, "a number above 0"),
     "metres": (1.0, _number, "a number above 0"),
@@ -257,8 +280,12 @@ def _layout(
         )
     numbers: dict[str, Any] = {name: float(values[name]) for name in ("frame_rate", "time_unit", "metres", "smooth")}
     numbers |= {name: UNITS[name][unit] for name, unit in values["units"].items()}
+    cyclists, scooters = (frozenset(map(str, values[name])) for name in ("cyclists", "scooters"))
     return Layout(
         columns={str(name): str(column) for name, column in columns.items() if name not in _OF_ROWS},
+        cyclists=cyclists,
+        scooters=scooters,
+        mixed=not (cyclists or scooters),
         vehicles=vehicles,
         pedestrians=pedestrians,
         **numbers,

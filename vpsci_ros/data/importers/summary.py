@@ -1,14 +1,14 @@
 """The result of an import: the near misses, and a summary of each source, printed and stored with the table."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import polars as pl
 from rich.console import Console
 
-from vpsci_ros.data.importers.tracks import FAST
+from vpsci_ros.data.importers.tracks import FAST, LeftOut
 from vpsci_ros.documents import counted
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.provenance import software_versions
@@ -29,6 +29,8 @@ class SourceSummary:
     :ivar left_out: what was left out of the recordings -> how often.
     :ivar assumed: a text for each fact that the recordings do not hold.
     :ivar vehicles, pedestrians: unbroken tracks; `fast` of the pedestrians have a median speed above 2.5 m/s.
+    :ivar used, unused: road users of which the import took tracks, and others.
+    :ivar checks: the counts of each check, by whom it leaves out; where it judges nobody, it judges clips.
     """
 
     source: str
@@ -45,6 +47,26 @@ class SourceSummary:
     vehicles: int = 0
     pedestrians: int = 0
     fast: int = 0
+    used: int = 0
+    unused: int = 0
+    checks: Mapping[str, LeftOut] = field(default_factory=dict)
+
+    def judged(self, what: str) -> int:
+        """Return how many road users, or clips, a check judged."""
+        return self.checks[what].judged or self.clips
+
+    @property
+    def others(self) -> str:
+        """What was left out, in one line."""
+        return "; ".join(f"{what}: {count:,}" for what, count in self.left_out.items()) or "nothing"
+
+    def lines(self) -> list[str]:
+        """Return what the import says of the source: fast pedestrians, what was left out, and what was assumed."""
+        lines = [self.speeds]
+        for what, count in self.left_out.items():
+            first = f" of {self.judged(what):,}; the first: {self.checks[what].example}" if what in self.checks else ""
+            lines.append(f"left out: {what}: {count:,}{first}")
+        return [*lines, *self.assumed]
 
     @property
     def speeds(self) -> str:
@@ -101,12 +123,29 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
     title = f"Near misses: pairs whose CurvTTC falls below {CRITICAL_TTC:g} s"
     console = console or Console()
     console.print(text_table(title, ("", *(source for source, _, _ in columns)), rows))
-    for row in result.summaries:
-        console.print(f"{row.source}: {row.speeds}")
-        for text, count in row.left_out.items():
-            console.print(f"{row.source}: left out: {text}: {count:,}")
-        for text in row.assumed:
-            console.print(f"{row.source}: {text}")
+    lines = [f"{row.source}: {line}" for row in result.summaries for line in row.lines()]
+    near, used, unused = (sum(getattr(row, n) for row in result.summaries) for n in ("near_misses", "used", "unused"))
+    lines.append(f"{near:,} near misses; {used:,} road users used, {unused:,} left out")
+    console.print("\n".join(lines), soft_wrap=True, markup=False, highlight=False)
+
+
+def require_agreement(summaries: Iterable[SourceSummary]) -> None:
+    """Refuse sources in which most of what a check judges fails, or without any vehicle or pedestrian.
+
+    :raises InvalidInput: says the share, and the first that failed; or what was left out.
+    """
+    for one in summaries:
+        for what, own in one.checks.items():
+            if 2 * own.count > (judged := one.judged(what)):
+                share = f"{own.count:,} of {judged:,} ({own.count / judged:.0%})"
+                raise InvalidInput(f"{one.source}: {what}: {share}, so most; the first: {own.example}")
+        events = any(what.startswith("events") for what in one.left_out)  # whole pairs, each for a reason of its own
+        if one.clips and not (one.vehicles and one.pedestrians) and not events:
+            what = "vehicle" if not one.vehicles else "pedestrian"
+            raise InvalidInput(
+                f"{one.source}: no {what} in {counted(one.clips, 'clip')}; left out: {one.others}; name the classes as "
+                "there"
+            )
 
 
 def require_near_misses(result: ImportResult) -> None:
@@ -116,14 +155,12 @@ def require_near_misses(result: ImportResult) -> None:
     """
     if result.table.height:
         return
-    found = []
-    for one in result.summaries:
-        left_out = "; ".join(f"{what}: {count:,}" for what, count in one.left_out.items()) or "nothing"
-        found.append(
-            f"{one.source}: {counted(one.clips, 'clip')}, {counted(one.vehicles, 'track')} of vehicles, "
-            f"{one.pedestrians:,} of pedestrians, {counted(one.pairs, 'pair')} at the same time, none below "
-            f"{CRITICAL_TTC:g} s of CurvTTC; left out: {left_out}"
-        )
+    found = [
+        f"{one.source}: {counted(one.clips, 'clip')}, {counted(one.vehicles, 'track')} of vehicles, "
+        f"{one.pedestrians:,} of pedestrians, {counted(one.pairs, 'pair')} at the same time, none below "
+        f"{CRITICAL_TTC:g} s of CurvTTC; left out: {one.others}"
+        for one in result.summaries
+    ]
     cause = (
         "nobody meets a vehicle closely; if they should, check units, axes and headings (--check draws pairs)"
         if any(one.pairs for one in result.summaries)

@@ -1,25 +1,28 @@
 """Importers, clips and tracks: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid.
 
-The built-in importers are listed in `run`; other installed packages add theirs (docs/extending.md).
+The built-in importers are listed in `import_recordings`; other installed packages add theirs (docs/extending.md).
 """
 
 import codecs
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.reference import slopes
+from vpsci_ros.data.reference import CYCLIST, WALKER, slopes
 from vpsci_ros.documents import foreign, listed, reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
+ROLES = ("vehicles", "pedestrians")
 MAX_GAP = 0.25  # [s] rows further apart than this are not bridged: the track is cut there
 SPARSEST = 0.5  # [s] from one row of a road user to the next, 2 Hz; recordings of fewer rows are refused
 GAPS = "gaps between rows, at which tracks are cut"  # a count of `Clip.left_out`
@@ -44,6 +47,7 @@ class Track:
     :ivar values: column name -> float64[T], one value a grid step.
     :ivar size: length and width [m] of a vehicle, where its recording says; None: see `Importer`.
     :ivar name: the id in the recording; "": its number.
+    :ivar kind: of a pedestrian, of `KINDS`; "": its median speed says it, see `Clip.of_kinds`.
     """
 
     number: int
@@ -51,6 +55,7 @@ class Track:
     values: dict[str, Floats]
     size: tuple[float, float] | None = None
     name: str = ""
+    kind: str = WALKER
 
     @property
     def last(self) -> int:
@@ -59,15 +64,64 @@ class Track:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Road users that were left out: how many, of how many that were judged, and the first of them in words.
+
+    :ivar judged: 0: by a rule that judges nobody, such as a class that is not imported; no reason to refuse.
+    """
+
+    count: int = 0
+    judged: int = 0
+    example: str = ""
+
+    def __add__(self, other: "LeftOut") -> "LeftOut":
+        example = self.example or other.example
+        return LeftOut(self.count + other.count, self.judged + other.judged, example)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check says of road users: `odd`, the numbers of those to leave out, and why, in words.
+
+    :ivar what: whom it leaves out, as the summary counts them.
+    :ivar judged: the number of road users that it judges.
+    """
+
+    what: str
+    judged: int
+    odd: Collection[int] = ()
+    text: str = ""
+
+    @property
+    def count(self) -> dict[str, LeftOut]:
+        """What to count, by what it is; nothing where nobody was judged."""
+        return {self.what: LeftOut(len(self.odd), self.judged, self.text * bool(self.odd))} if self.judged else {}
+
+    def rest(self, tracks: pl.DataFrame) -> pl.DataFrame:
+        """Return the rows of road users that stay."""
+        return tracks.filter(~pl.col("id").is_in(self.odd)) if self.odd else tracks
+
+
+def added(one: Mapping[str, LeftOut], other: Mapping[str, LeftOut]) -> dict[str, LeftOut]:
+    """Return the sums of two counts."""
+    return {what: one.get(what, LeftOut()) + other.get(what, LeftOut()) for what in {**one, **other}}
+
+
+@dataclass(frozen=True)
 class Clip:
     """One recording: tracks on the 0.1 s grid under the near-miss table's names, without their `veh_` and `ped_`.
 
     Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]), right-handed, in metres, m/s and radians
-    counter-clockwise from x. The heading of a vehicle is NaN where it is unknown. `left_out` counts what was left out,
-    by a text that says what it is, such as `BACKWARDS`. `assumed` has a text for each fact that the recording does not
-    hold. `source` is the name that the recordings give their source, and `size` length and width [m] of vehicles whose
-    tracks have no size; all clips of a folder have the same. "" and None: those of the format. `fixed` says that
-    positions are in a frame fixed to the ground, even if most pedestrians move alike.
+    counter-clockwise from x. The heading of a vehicle is NaN where it is unknown.
+
+    :ivar left_out: counts of rows and frames that were left out, by a text that says what they are.
+    :ivar road_users: likewise, of road users.
+    :ivar assumed: a text for each fact that the recording does not hold.
+    :ivar source: the name that the recordings give their source, and `size` length and width [m] of vehicles whose
+        tracks have no size; all clips of a folder have the same. "" and None: those of the format.
+    :ivar fixed: positions are in a frame fixed to the ground, even if most pedestrians move alike.
+    :ivar described: it was read by a user's `layout.yaml`, whose keys messages may name.
+    :ivar unusable: why the whole clip is left out, and the message; ("", ""): it is not.
     """
 
     name: str
@@ -78,12 +132,40 @@ class Clip:
     source: str = ""
     size: tuple[float, float] | None = None
     fixed: bool = False
+    road_users: Mapping[str, LeftOut] = field(default_factory=dict)
+    described: bool = False
+    unusable: tuple[str, str] = ("", "")
+
+    def numbers(self) -> list[tuple[str, int]]:
+        """Return each vehicle and pedestrian once: "vehicles" or "pedestrians", and its number."""
+        return list({(role, track.number) for role in ROLES for track in getattr(self, role)})
+
+    def without(self, role: str, verdict: Verdict) -> "Clip":
+        """Return the clip without the vehicles or pedestrians that a verdict leaves out; `road_users` counts them."""
+        odd = set(verdict.odd)
+        stay: Any = {role: [track for track in getattr(self, role) if track.number not in odd]}
+        return replace(self, **stay, road_users=added(self.road_users, verdict.count))
 
     def with_headings(self) -> "Clip":
         """Return the clip without vehicles whose heading is NaN; `left_out` counts them."""
         known = [track for track in self.vehicles if not np.isnan(track.values["heading"]).any()]
         count = {NO_HEADING: len(self.vehicles) - len(known)}
         return replace(self, vehicles=known, left_out=Counter(self.left_out) + Counter(count))
+
+    def of_kinds(self, kinds: Collection[str]) -> "Clip":
+        """Return the clip with pedestrians of these kinds alone; `road_users` counts the others.
+
+        Where the recording does not say the kind, somebody with a median speed above `FAST` is a cyclist.
+        """
+        every: dict[int, list[Track]] = {}
+        for track in self.pedestrians:
+            every.setdefault(track.number, []).append(track)
+        kind = {number: own[0].kind or (WALKER, CYCLIST)[median_speed(*own) > FAST] for number, own in every.items()}
+        others = Counter(own for own in kind.values() if own not in kinds)
+        count = {f"{own}s, which `--kinds {own}` imports": LeftOut(n) for own, n in sorted(others.items())}
+        tracks = [replace(track, kind=kind[track.number]) for track in self.pedestrians]
+        tracks = [track for track in tracks if track.kind in kinds]
+        return replace(self, pedestrians=tracks, road_users=added(self.road_users, count))
 
     def without_faster(self, fastest: float) -> "Clip":
         """Return the clip without pedestrians whose `median_speed` exceeds `fastest` [m/s]; `left_out` counts them."""
@@ -92,16 +174,45 @@ class Clip:
         return replace(self, pedestrians=slow, left_out=Counter(self.left_out) + Counter(count))
 
 
+class Unusable(InvalidInput):
+    """A clip of which nothing can be used: `what` such clips are, as a summary counts them, and the message."""
+
+    def __init__(self, what: str, message: str) -> None:
+        super().__init__(message)
+        self.what = what
+
+
+def unusable(name: str, error: InvalidInput) -> Clip:
+    """Return an empty clip that says why nothing of it can be used."""
+    what = error.what if isinstance(error, Unusable) else "clips that cannot be read"
+    return Clip(name, [], [], unusable=(what, str(error)))
+
+
+def attempted(name: str, read: Callable[[], Clip], left_out: Mapping[str, int] | None = None) -> Clip:
+    """Return the clip that `read` returns, or one that is `unusable`; with further counts of what was left out."""
+    try:
+        clip = read()
+    except InvalidInput as error:
+        clip = unusable(name, error)
+    return replace(clip, left_out={**clip.left_out, **(left_out or {})})
+
+
 def merged(parts: Sequence[Clip]) -> Clip:
-    """Return clips of one recording as one: the tracks of all, with summed counts of `left_out`."""
-    left_out: Counter[str] = Counter()
+    """Return clips of one recording as one: the tracks of all, with summed counts.
+
+    Pedestrians of two tables are two road users, whatever their numbers.
+    """
+    pedestrians: list[Track] = []
     for part in parts:
-        left_out.update(part.left_out)
+        own, taken = ({track.number for track in tracks} for tracks in (part.pedestrians, pedestrians))
+        more = 1 + max(taken) - min(own) if own & taken else 0
+        pedestrians += [replace(t, number=t.number + more, name=t.name or str(t.number)) for t in part.pedestrians]
     return replace(
         parts[0],
         vehicles=[track for part in parts for track in part.vehicles],
-        pedestrians=[track for part in parts for track in part.pedestrians],
-        left_out=left_out,
+        pedestrians=pedestrians,
+        left_out=sum((Counter(part.left_out) for part in parts), Counter()),
+        road_users=reduce(added, (part.road_users for part in parts)),
         assumed=tuple(dict.fromkeys(text for part in parts for text in part.assumed)),
     )
 
@@ -131,9 +242,9 @@ def require_source(name: object, where: str) -> None:
         raise InvalidInput(f"{where} {shown(name)}: expected letters, digits, _ and -")
 
 
-def median_speed(pedestrian: Track) -> float:
+def median_speed(*pedestrian: Track) -> float:
     """Return the median speed [m/s] of a pedestrian while it moves (above 0.5 m/s), 0 where it never moves."""
-    speed = np.hypot(pedestrian.values["vx"], pedestrian.values["vy"])
+    speed = np.concatenate([np.hypot(track.values["vx"], track.values["vy"]) for track in pedestrian])
     return float(np.median(speed[speed > _WALKS])) if (speed > _WALKS).any() else 0.0
 
 
@@ -170,6 +281,16 @@ def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.Dat
     if delimiter != ",":
         text = text.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
     return table.with_columns(text.str.replace(WHOLE, "${1}"))
+
+
+def alike(values: pl.Series) -> pl.Series:
+    """Return values as text in which equal numbers are equal, however written: 2, 2.0, 2.000e+00."""
+    text = values.cast(pl.String).str.strip_chars()
+    own = pl.DataFrame({"text": text, "number": text.cast(pl.Float64, strict=False)})
+    number, finite = pl.col("number"), pl.col("number").is_finite()
+    whole = pl.when(finite & (number == number.round()) & (number.abs() < LARGEST)).then(number)
+    written = whole.cast(pl.Int64, strict=False).cast(pl.String), pl.when(finite).then(number).cast(pl.String)
+    return own.select(pl.coalesce(*written, "text")).to_series()
 
 
 def _refuse_comments(data: bytes, delimiter: str, path: Path) -> None:
@@ -232,10 +353,11 @@ def longest_gap(table: pl.DataFrame, frame_rate: float, path: Path) -> float:
     """
     apart = spacing(table, frame_rate)
     if apart > SPARSEST * (1.0 + _SLACK):
-        raise InvalidInput(
+        raise Unusable(
+            f"clips whose rows are more than {SPARSEST:g} s apart",
             f"{path}: rows of a road user are {apart:.3g} s apart (median); expected at most {SPARSEST:g} s, since "
             "motion between rows is interpolated; check the frame rate or the unit of time, or take a recording of "
-            "more rows"
+            "more rows",
         )
     return max(MAX_GAP, _BRIDGED * apart)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from vpsci_ros.data.importers.layout import clip_of
 from vpsci_ros.data.importers.layout_file import Layout
-from vpsci_ros.data.importers.tracks import Clip, Importer, read_csv
+from vpsci_ros.data.importers.tracks import Clip, Importer, attempted, read_csv
 from vpsci_ros.errors import InvalidInput
 
 _VEHICLE_END = "_traj_veh_filtered.csv"
@@ -27,9 +27,9 @@ _KIND = frozenset({"label"})  # every track of a file is of one kind
 def read_folder(folder: Path, frame_rate: float) -> Iterator[Clip]:
     """Yield every clip of a folder as published, sorted by name.
 
-    :raises InvalidInput: see `find_clips` and `read_clip`.
+    :raises InvalidInput: see `find_clips`.
     """
-    return (read_clip(*files, frame_rate) for files in find_clips(folder))
+    return (attempted(files[0], partial(read_clip, *files, frame_rate)) for files in find_clips(folder))
 
 
 VCI_DUT, VCI_CITR = (

@@ -14,7 +14,7 @@ import polars as pl
 from vpsci_ros.data.importers.described import described
 from vpsci_ros.data.importers.layout import clip_of
 from vpsci_ros.data.importers.layout_file import ANGLES, Layout
-from vpsci_ros.data.importers.tracks import Clip, Importer, read_csv
+from vpsci_ros.data.importers.tracks import Clip, Importer, attempted, read_csv
 from vpsci_ros.errors import InvalidInput
 
 _LAYOUTS = Path(__file__).resolve().parent / "layouts"
@@ -26,29 +26,34 @@ def levelx(folder: Path) -> Iterator[Clip]:
     Source: https://levelxdata.com. Metres, y up, headings in degrees; classes and sizes are in tracksMeta, the frame
     rate in recordingMeta.
 
-    :raises InvalidInput: no such files, one of the three is missing, or a column or the frame rate is.
+    :raises InvalidInput: no such files.
     """
-    columns = {"id": "trackId", "frame": "frame", "class": "class", "x": "xCenter", "y": "yCenter"}
-    columns |= {"vx": "xVelocity", "vy": "yVelocity", "heading": "heading", "length": "length", "width": "width"}
-    vehicles = frozenset({"car", "van", "truck", "bus", "truck_bus", "trailer"})
     files = sorted(folder.rglob("*_tracks.csv"))
     if not files:
         raise InvalidInput(f"{folder}: expected recordings of levelXData as published (*_tracks.csv), found none")
-    for path in files:
-        name = path.name.removesuffix("_tracks.csv")
-        tracks = read_csv(path)
-        meta = read_csv(_beside(path, f"{name}_tracksMeta.csv"))
-        recording = read_csv(_beside(path, f"{name}_recordingMeta.csv"))
-        if not {"trackId", "class"} <= set(meta.columns) or "frameRate" not in recording.columns:
-            raise InvalidInput(
-                f"{path}: expected trackId and class in tracksMeta, frameRate in recordingMeta; take them as published"
-            )
-        rate = recording["frameRate"].cast(pl.Float64, strict=False)[0]
-        if rate is None or not rate > 0.0:
-            raise InvalidInput(f"{path}: frameRate of its recordingMeta: expected a number above 0, got {rate}")
-        table = tracks.join(meta.select("trackId", "class"), on="trackId", how="left", maintain_order="left")
-        layout = Layout(columns, vehicles, frozenset({"pedestrian"}), frame_rate=float(rate), angle=ANGLES["deg"])
-        yield clip_of(name, {path: (table, layout)})
+    return (attempted(path.name.removesuffix("_tracks.csv"), partial(_levelx, path)) for path in files)
+
+
+def _levelx(path: Path) -> Clip:
+    """Return a recording; refuse one of which a file, a column or the frame rate is missing."""
+    columns = {"id": "trackId", "frame": "frame", "class": "class", "x": "xCenter", "y": "yCenter"}
+    columns |= {"vx": "xVelocity", "vy": "yVelocity", "heading": "heading", "length": "length", "width": "width"}
+    vehicles = frozenset({"car", "van", "truck", "bus", "truck_bus", "trailer"})
+    name = path.name.removesuffix("_tracks.csv")
+    tracks = read_csv(path)
+    meta = read_csv(_beside(path, f"{name}_tracksMeta.csv"))
+    recording = read_csv(_beside(path, f"{name}_recordingMeta.csv"))
+    if not {"trackId", "class"} <= set(meta.columns) or "frameRate" not in recording.columns:
+        raise InvalidInput(
+            f"{path}: expected trackId and class in tracksMeta, frameRate in recordingMeta; take them as published"
+        )
+    rate = recording["frameRate"].cast(pl.Float64, strict=False)[0]
+    if rate is None or not rate > 0.0:
+        raise InvalidInput(f"{path}: frameRate of its recordingMeta: expected a number above 0, got {rate}")
+    table = tracks.join(meta.select("trackId", "class"), on="trackId", how="left", maintain_order="left")
+    walkers, cyclists = (frozenset({name}) for name in ("pedestrian", "bicycle"))
+    layout = Layout(columns, vehicles, walkers, frame_rate=float(rate), angle=ANGLES["deg"], cyclists=cyclists)
+    return clip_of(name, {path: (table, layout)})
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -61,9 +66,8 @@ def _beside(path: Path, name: str) -> Path:
 def two_files(vehicles: str, pedestrians: str, heading: str, folder: Path) -> Iterator[Clip]:
     """Yield a clip for each file of vehicles and the file of pedestrians beside it: INTERACTION and SinD.
 
-    Milliseconds, metres, radians. Sources: Zhan et al., arXiv 1910.03088; Xu et al., ITSC 2022. The class
-    "pedestrian/bicycle" does not distinguish these two, so all of them count as pedestrians; some files of SinD spell
-    pedestrian "pedestrain".
+    Milliseconds, metres, radians. Sources: Zhan et al., arXiv 1910.03088; Xu et al., ITSC 2022. Some files of SinD
+    spell pedestrian "pedestrain".
 
     :param vehicles, pedestrians: parts of the two files' names.
     :param heading: column that says where a vehicle points.
@@ -72,18 +76,21 @@ def two_files(vehicles: str, pedestrians: str, heading: str, folder: Path) -> It
     columns = {"id": "track_id", "time": "timestamp_ms", "class": "agent_type"}
     columns |= {name: name for name in ("x", "y", "vx", "vy")}
     own = columns | {"heading": heading, "length": "length", "width": "width"}
-    walkers = frozenset({"pedestrian", "pedestrian/bicycle", "pedestrain"})
-    layouts = {
-        vehicles: Layout(own, frozenset({"car", "truck", "bus"}), frozenset(), time_unit=0.001),
-        pedestrians: Layout(columns, frozenset(), walkers, time_unit=0.001),
-    }
+    walkers, cyclists = frozenset({"pedestrian", "pedestrian/bicycle", "pedestrain"}), frozenset({"bicycle"})
+    cars = Layout(own, frozenset({"car", "truck", "bus"}), frozenset(), time_unit=0.001, cyclists=cyclists)
+    people = Layout(columns, frozenset(), walkers, time_unit=0.001, mixed=True)
+    layouts = {vehicles: cars, pedestrians: people}
     files = sorted(folder.rglob(f"{vehicles}*.csv"))
     if not files:
         raise InvalidInput(f"{folder}: expected recordings as published ({vehicles}*.csv), found none")
-    for path in files:
+
+    def clip(name: str, path: Path) -> Clip:
         both = ((path.with_name(path.name.replace(vehicles, part)), layout) for part, layout in layouts.items())
-        parts = {file: (read_csv(file), layout) for file, layout in both if file.is_file()}  # some have no pedestrians
-        yield clip_of(path.relative_to(folder).with_suffix("").as_posix(), parts, lenient=True)
+        return clip_of(name, {file: (read_csv(file), layout) for file, layout in both if file.is_file()})
+
+    for path in files:  # some have no pedestrians
+        name = path.relative_to(folder).with_suffix("").as_posix()
+        yield attempted(name, partial(clip, name, path))
 
 
 def _importer(name: str, frame_rate: float = 0.0) -> Importer:
