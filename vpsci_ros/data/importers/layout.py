@@ -147,7 +147,7 @@ def _steady(table: pl.DataFrame, layout: Layout) -> tuple[pl.DataFrame, Counter[
         table = table.with_columns(pl.int_range(2, 2 + pl.len()).alias(LINE))
     for what, names in ((NAMELESS, ("id",)), (PLACELESS, ("x", "y", *BOX))):
         columns = [pl.col(layout.columns[name]).cast(pl.String) for name in names if name in layout.columns]
-        empty = [column.is_null() | (column.str.strip_chars().str.to_lowercase() == "nan") for column in columns]
+        empty = [column.str.strip_chars().str.to_lowercase().fill_null("").is_in(["", "nan"]) for column in columns]
         known = table.filter(~pl.any_horizontal(empty)) if empty else table
         left_out[what], table = table.height - known.height, known
     table = table.with_columns(_classes(table, layout).alias(CLASS))

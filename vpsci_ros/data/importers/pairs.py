@@ -57,7 +57,8 @@ def near_misses_of(
         nonlocal road_users
         if strict and (text := next((own.example for own in more.values() if own.example), "")):
             raise InvalidInput(text)
-        road_users = added(road_users, more)
+        per_clip = {what: replace(own, odd_clips=int(own.count > 0), clips=1) for what, own in more.items()}
+        road_users = added(road_users, per_clip)
 
     for recorded in clips:
         own = recorded.source or source, recorded.size or size
@@ -74,7 +75,7 @@ def near_misses_of(
             )
         names.add(recorded.name)
         what, text = recorded.unusable
-        count({what: LeftOut(1, 0, text)} if text else {})
+        count({what: LeftOut(1, 0, text)} if what else {})
         clip = checked(source, recorded)
         everybody += [] if clip.fixed else clip.pedestrians
         described |= clip.described

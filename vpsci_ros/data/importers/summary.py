@@ -136,7 +136,8 @@ def require_agreement(summaries: Iterable[SourceSummary]) -> None:
     """
     for one in summaries:
         for what, own in one.checks.items():
-            if 2 * own.count > (judged := one.judged(what)):
+            judged = one.judged(what)
+            if own.most if own.judged else 2 * own.count > judged:
                 share = f"{own.count:,} of {judged:,} ({own.count / judged:.0%})"
                 raise InvalidInput(f"{one.source}: {what}: {share}, so most; the first: {own.example}")
         events = any(what.startswith("events") for what in one.left_out)  # whole pairs, each for a reason of its own

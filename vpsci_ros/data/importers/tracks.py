@@ -68,15 +68,23 @@ class LeftOut:
     """Road users that were left out: how many, of how many that were judged, and the first of them in words.
 
     :ivar judged: 0: by a rule that judges nobody, such as a class that is not imported; no reason to refuse.
+    :ivar odd_clips, clips: clips in which somebody was left out, and in which somebody was judged.
     """
 
     count: int = 0
     judged: int = 0
     example: str = ""
+    odd_clips: int = 0
+    clips: int = 0
 
     def __add__(self, other: "LeftOut") -> "LeftOut":
-        example = self.example or other.example
-        return LeftOut(self.count + other.count, self.judged + other.judged, example)
+        sums = {name: getattr(self, name) + getattr(other, name) for name in ("count", "judged", "odd_clips", "clips")}
+        return LeftOut(**sums, example=self.example or other.example)
+
+    @property
+    def most(self) -> bool:
+        """Whether most of those who were judged were left out, and this not in few clips with many road users."""
+        return 2 * self.count > self.judged > 0 and 2 * self.odd_clips > self.clips
 
 
 @dataclass(frozen=True)
