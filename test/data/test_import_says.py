@@ -48,7 +48,7 @@ def crossing(name: str, speed: float) -> pl.DataFrame:
 def imported(folder: Path, tracks: list[pl.DataFrame], *, layout: str = "", fastest: float = np.inf) -> ImportResult:
     pl.concat(tracks).write_csv(folder / "a.csv")
     (folder / "layout.yaml").write_text(LAYOUT + layout)
-    return import_trajectories(folder, "described", fastest)
+    return import_trajectories(folder, "described", fastest=fastest)
 
 
 def said(result: ImportResult) -> str:

@@ -277,8 +277,14 @@ def test_an_unknown_format_is_refused_with_the_known_ones(clip_folder: Path) -> 
         import_folders([clip_folder], ["vci-dut", "vci-citr"])
 
 
-def test_half_a_clip_is_refused(clip_folder: Path) -> None:
+def test_half_a_clip_is_left_out_and_half_of_every_clip_is_refused(clip_folder: Path) -> None:
+    write_clip(clip_folder, "meeting_02")
+    write_clip(clip_folder, "meeting_03")
     vehicle_file(clip_folder).unlink()
+    (summary,) = import_trajectories(clip_folder, "vci-dut").summaries
+    assert (summary.near_misses, summary.left_out) == (2, {"clips that cannot be read": 1})
+    for name in ("meeting_02", "meeting_03"):
+        (clip_folder / f"{name}_traj_veh_filtered.csv").unlink()
     with pytest.raises(InvalidInput, match=r"meeting_01_traj_ped_filtered\.csv is there without .*veh_filtered\.csv"):
         import_trajectories(clip_folder, "vci-dut")
 

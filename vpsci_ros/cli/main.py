@@ -87,18 +87,23 @@ def import_command(
     from vpsci_ros.data.near_misses import write_near_misses
     from vpsci_ros.runs.progress import Bars
 
-    limit, wanted = math.inf if fastest is None else fastest, [kind.strip() for kind in kinds.split(",")]
+    options = {
+        "fastest": math.inf if fastest is None else fastest,
+        "frame_rate": frame_rate,
+        "kinds": [kind.strip() for kind in kinds.split(",")],
+        "strict": strict,
+    }
     if check:
         from vpsci_ros.report.recordings import check_recordings
 
         picture = output.with_suffix(".png")
-        print("\n".join(check_recordings(folders, formats, picture, limit, frame_rate, wanted, strict=strict)))
+        print("\n".join(check_recordings(folders, formats, picture, **options)))
         print(f"written: {picture}")
         return
     if output.suffix != ".parquet":
         raise InvalidInput(f"-o {output}: a table of near misses is Parquet; expected the name of a .parquet file")
     with Bars(f"importing {', '.join(map(str, folders))}"):
-        result = import_folders(folders, formats, limit, frame_rate, wanted, strict=strict)
+        result = import_folders(folders, formats, **options)
     require_near_misses(result)
     result = result if name is None else named(result, name)
     write_near_misses(result.table, output, result.metadata, compact=compact)

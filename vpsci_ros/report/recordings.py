@@ -1,8 +1,8 @@
 """A check of recordings before their import: near misses as a picture, and sizes, speeds and extent of all tracks."""
 
-import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -11,7 +11,6 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from vpsci_ros.data.importers import Clip, ImportResult, Track, imported_clips
-from vpsci_ros.data.reference import WALKER
 from vpsci_ros.documents import counted
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import new_figure, save_png
@@ -25,26 +24,17 @@ _CAR, _PERSON = "#08519c", "#a50f15"
 Floats = NDArray[np.float64]
 
 
-def check_recordings(
-    folders: Sequence[Path],
-    formats: Sequence[str],
-    path: str | Path,
-    fastest: float = math.inf,
-    frame_rate: float = 0.0,
-    kinds: Collection[str] = (WALKER,),
-    *,
-    strict: bool = False,
-) -> list[str]:
+def check_recordings(folders: Sequence[Path], formats: Sequence[str], path: str | Path, **options: Any) -> list[str]:
     """Draw near misses of all folders as one PNG: both agents' paths, and the vehicle's outline at the onset.
 
     The drawn near misses are spread evenly over those of a folder. Of a folder without near misses the first pairs are
     drawn.
 
-    :param formats: one for each folder, or one for all; the others: see `import_folders`.
+    :param formats: one for each folder, or one for all; options: see `imported_clips`.
     :returns: lines about each folder: tracks, extent [m], speeds [m/s], sizes [m], near misses, what is left out.
-    :raises InvalidInput: a folder holds no vehicle and pedestrian at the same time, or see `import_folders`.
+    :raises InvalidInput: a folder holds no vehicle and pedestrian at the same time, or see `imported_clips`.
     """
-    read = imported_clips(folders, formats, fastest, frame_rate, kinds, strict=strict)
+    read = imported_clips(folders, formats, **options)
     rows = ROWS if len(read) == 1 else len(read)
     figure, axes = new_figure(4.0 * COLUMNS, 4.0 * rows, rows, COLUMNS)
     grid, lines = list(axes.flat), []

@@ -26,43 +26,36 @@ BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "cqut-pvi": CQUT_PVI, "des
 IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
-def import_trajectories(
-    folder: str | Path,
-    format_name: str,
-    fastest: float = math.inf,
-    frame_rate: float = 0.0,
-    kinds: Collection[str] = (WALKER,),
-    *,
-    strict: bool = False,
-) -> ImportResult:
+def import_trajectories(folder: str | Path, format_name: str, **options: Any) -> ImportResult:
     """Return the near misses of every clip of a folder, read as published.
 
     :param format_name: of `IMPORTERS`; the table's `source`, unless the folder itself names it.
-    :param fastest: median speed of a pedestrian above which it is left out [m/s].
-    :param frame_rate: of files that count frames [1/s]; 0: the format's.
-    :param kinds: of `KINDS`, those of the pedestrians to import.
-    :param strict: refuse the first clip or road user that a check would leave out.
-    :raises InvalidInput: an unknown format, a missing folder, or recordings most of which do not hold what they should;
-        or a frame rate for a format whose files have times.
+    :param options: see `imported_clips`.
+    :raises InvalidInput: see `imported_clips`.
     """
-    return import_folders([folder], [format_name], fastest, frame_rate, kinds, strict=strict)
+    return import_folders([folder], [format_name], **options)
 
 
 def imported_clips(
     folders: Sequence[str | Path],
     formats: Sequence[str],
+    *,
     fastest: float = math.inf,
     frame_rate: float = 0.0,
     kinds: Collection[str] = (WALKER,),
-    *,
     strict: bool = False,
     keep: bool = True,
 ) -> list[tuple[list[Clip], ImportResult]]:
     """Return the clips of each folder and their near misses.
 
-    :param formats: one for each folder, or one for all; the others: see `import_trajectories`.
+    :param formats: one for each folder, or one for all.
+    :param fastest: median speed of a pedestrian above which it is left out [m/s].
+    :param frame_rate: of files that count frames [1/s]; 0: the format's.
+    :param kinds: of `KINDS`, those of the pedestrians to import.
+    :param strict: refuse the first clip or road user that a check would leave out.
     :param keep: false: without the clips, each of which is then in memory for a while only.
-    :raises InvalidInput: formats that do not match the folders, an unknown kind, or see `import_trajectories`.
+    :raises InvalidInput: formats that do not match the folders, an unknown format or kind, a missing folder, recordings
+        most of which do not hold what they should, or a frame rate for a format whose files have times.
     """
     if not kinds or set(kinds) - {*KINDS}:
         raise InvalidInput(f"--kinds {','.join(kinds)}: expected one or some of {','.join(KINDS)}")
@@ -80,21 +73,13 @@ def imported_clips(
     return found
 
 
-def import_folders(
-    folders: Sequence[str | Path],
-    formats: Sequence[str],
-    fastest: float = math.inf,
-    frame_rate: float = 0.0,
-    kinds: Collection[str] = (WALKER,),
-    *,
-    strict: bool = False,
-) -> ImportResult:
+def import_folders(folders: Sequence[str | Path], formats: Sequence[str], **options: Any) -> ImportResult:
     """Import several folders into one table, with consecutive interaction numbers.
 
-    :param formats: one for each folder, or one for all; the others: see `import_trajectories`.
-    :raises InvalidInput: formats that do not match the folders, the same recording twice, or see `import_trajectories`.
+    :param formats: one for each folder, or one for all; options: see `imported_clips`.
+    :raises InvalidInput: the same recording twice, or see `imported_clips`.
     """
-    found = imported_clips(folders, formats, fastest, frame_rate, kinds, strict=strict, keep=False)
+    found = imported_clips(folders, formats, keep=False, **options)
     results = [result for _, result in found]
     results = with_unique_clip_names([Path(folder) for folder in folders], results)
     return ImportResult(concat_near_misses([result.table for result in results]), _of_each_source(results))

@@ -43,7 +43,7 @@ def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
 
     VCI-CITR also has recordings of pedestrians alone, "no_vehicle" in their names; they hold no pair and are left out.
 
-    :raises InvalidInput: no such folder, no clip in it, or one file of a pair without the other.
+    :raises InvalidInput: no such folder, or no clip in it.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -55,14 +55,19 @@ def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
     pedestrians = {name: path for name, path in pedestrians.items() if _NO_VEHICLE not in name}
     if not pedestrians and not vehicles:
         raise InvalidInput(f"{folder}: no clip; expected files NAME{_PEDESTRIAN_END} and NAME{_VEHICLE_END}")
-    for name in sorted(pedestrians.keys() ^ vehicles.keys()):
-        there, end = (pedestrians[name], _VEHICLE_END) if name in pedestrians else (vehicles[name], _PEDESTRIAN_END)
-        raise InvalidInput(f"{folder}: {there.name} is there without {name}{end}; add that file or remove this one")
-    return [(name, pedestrians[name], vehicles[name]) for name in sorted(vehicles)]
+    names = sorted(vehicles.keys() | pedestrians.keys())
+    return [(name, folder / f"{name}{_PEDESTRIAN_END}", folder / f"{name}{_VEHICLE_END}") for name in names]
 
 
 def read_clip(name: str, pedestrian_file: Path, vehicle_file: Path, frame_rate: float) -> Clip:
-    """Read one clip; see `layout.clip_of`."""
+    """Read one clip; see `layout.clip_of`.
+
+    :raises InvalidInput: one file of the pair is missing.
+    """
+    for there, other in ((vehicle_file, pedestrian_file), (pedestrian_file, vehicle_file)):
+        if not other.is_file():
+            where = f"{there.parent}: {there.name} is there without {other.name}"
+            raise InvalidInput(f"{where}; add that file or remove this one")
     vehicle = Layout(_VEHICLE, _KIND, frozenset(), frame_rate, speeds_agree=False)
     pedestrian = Layout(_PEDESTRIAN, frozenset(), _KIND, frame_rate)
     layouts = {pedestrian_file: pedestrian, vehicle_file: vehicle}

@@ -77,9 +77,9 @@ def two_files(vehicles: str, pedestrians: str, heading: str, folder: Path) -> It
     columns |= {name: name for name in ("x", "y", "vx", "vy")}
     own = columns | {"heading": heading, "length": "length", "width": "width"}
     walkers, cyclists = frozenset({"pedestrian", "pedestrian/bicycle", "pedestrain"}), frozenset({"bicycle"})
-    cars = Layout(own, frozenset({"car", "truck", "bus"}), frozenset(), time_unit=0.001, cyclists=cyclists)
-    people = Layout(columns, frozenset(), walkers, time_unit=0.001, mixed=True)
-    layouts = {vehicles: cars, pedestrians: people}
+    motor = frozenset({"car", "truck", "bus"})
+    every = Layout(own, motor, walkers, time_unit=0.001, cyclists=cyclists, mixed=True)  # some have walkers, too
+    layouts = {vehicles: every, pedestrians: Layout(columns, frozenset(), walkers, time_unit=0.001, mixed=True)}
     files = sorted(folder.rglob(f"{vehicles}*.csv"))
     if not files:
         raise InvalidInput(f"{folder}: expected recordings as published ({vehicles}*.csv), found none")
