@@ -24,7 +24,14 @@ def near_miss(interaction: int, least: float, source: str = "mine", braking: flo
     table = pl.DataFrame(values | {"step": np.arange(60)})
     named = {"interaction": interaction, "source": source, "clip": "one", "veh_id": 0, "ped_id": 0}
     named |= {"standing": False, "begins_critical": False, "contact": False, "apart": False}
-    named |= {"group": interaction, "veh_name": "0", "ped_name": "0", "veh_length": 4.5, "veh_width": 1.8}
+    named |= {
+        "group": interaction,
+        "veh_name": "0",
+        "ped_name": "0",
+        "veh_length": 4.5,
+        "veh_width": 1.8,
+        "kind": "walker",
+    }
     return table.with_columns(**{k: pl.lit(v) for k, v in named.items()}).select(list(NEAR_MISS_COLUMNS))
 
 
