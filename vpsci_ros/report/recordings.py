@@ -1,6 +1,6 @@
 """A check of recordings before their import: near misses as a picture, and sizes, speeds and extent of all tracks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
