@@ -57,9 +57,9 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
     whole = list(EpisodeFile(driven / "runs" / "walker" / "1" / FRAMES).read())
     assert [episode.name for episode in whole] == ["1:0", "1:1", "104:0", "104:1"]
     assert not list(driven.rglob("*.mcap"))
-    run_with(small_exam(bags=True), "walker", tmp_path / "alone", "", quiet=True)
+    run_with(small_exam(bags=True), "walker", tmp_path / "alone")
     monkeypatch.setattr(run, "SIDE_BY_SIDE", 3)
-    run_with(small_exam(), "walker", tmp_path / "three", "", quiet=True)
+    run_with(small_exam(), "walker", tmp_path / "three")
     alone, three = (read_result(tmp_path / name, "walker").episodes for name in ("alone", "three"))
     bag = tmp_path / "alone" / "runs" / "walker" / "1" / "bag"
     recorded = sorted(read_bag_episodes(bag), key=lambda episode: episode.key)

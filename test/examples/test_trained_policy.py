@@ -105,7 +105,7 @@ def test_its_class_sits_the_exam(weights: Path, tmp_path: Path, monkeypatch: pyt
     world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
     with class_in_process():
-        run_with(prepare(chosen, ads_class="trained_policy:PolicyDriver"), "walker", tmp_path, "", quiet=True)
+        run_with(prepare(chosen, ads_class="trained_policy:PolicyDriver"), "walker", tmp_path)
     found = read_result(tmp_path, "walker")
     assert [episode.name for episode in found.episodes] == ["101:0", "101:1"]
     assert found.conduct == Conduct(wanted=2)

@@ -112,7 +112,7 @@ def test_an_ads_that_dies_fails_the_exam_and_the_report_says_with_what(domain: i
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:
-    run_with(prepare(sections(), f"{odd} wrong flood"), "walker", tmp_path / "exam", "", quiet=True)
+    run_with(prepare(sections(), f"{odd} wrong flood"), "walker", tmp_path / "exam")
     found = read_result(tmp_path / "exam", "walker")
     assert len(found.episodes) == 2
     assert found.conduct.refused >= 3 * 10

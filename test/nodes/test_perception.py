@@ -147,7 +147,7 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
     script.write_text(LISTENING)
     command = f"{sys.executable} {script} --ros-args -p objects:=true -p objects_latency:={ERRORS['latency']}"
     with own_domain():
-        run_with(prepare(sections(), command), "walker", tmp_path, "", quiet=True)
+        run_with(prepare(sections(), command), "walker", tmp_path)
     by_node = read_result(tmp_path, "walker")
     assert by_node.conduct == Conduct(wanted=2)
     assert by_node.unanswered == {}
@@ -161,7 +161,7 @@ def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives
 
     exam = prepare(sections(), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
     with class_in_process():
-        run_with(exam, "walker", tmp_path / "class", "", quiet=True)
+        run_with(exam, "walker", tmp_path / "class")
     by_class = read_result(tmp_path / "class", "walker")
     assert len(by_class.episodes) == 2
     tables = [episode_table(each, [], driver="ads", pedestrian="walker") for each in (by_node, by_class)]

@@ -30,7 +30,7 @@ from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
 from vpsci_ros.exam.report import make_report, standing
 from vpsci_ros.exam.report_page import print_report, write_page
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
-from vpsci_ros.exam.run import autopilot_run, domain_of, exam_digest, is_done, run_with
+from vpsci_ros.exam.run import autopilot_run, is_done, run_with
 from vpsci_ros.exam.timing import Timing, head_starts, not_met, summary, timing_of
 from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.exam.view import autopilot_file, exam_sources
@@ -172,9 +172,8 @@ def drives(
     :raises KeyboardInterrupt: stopped on request.
     """
     parts = exam.parts()
-    job = partial(conductor, parts, [exam_digest(part) for part in parts])
     reads = partial(files_to_take, exam)
-    work = Work(job, folder, most * len(parts), reads, whole_host=not exam.in_process)
+    work = Work(partial(conductor, parts), folder, most * len(parts), reads, whole_host=not exam.in_process)
     with contextlib.ExitStack() as stack:
         pool = cache(lambda: stack.enter_context(contextlib.closing(workers.start(work))))
         yield partial(_driven, parts, folder, workers, pool, quiet, what)
@@ -229,17 +228,13 @@ def _driven(
     return {name: merged_results(results, most) for name, results in taken.items() if results}
 
 
-def conductor(parts: Sequence[Exam], digests: Sequence[str], place: Place) -> Callable[[Run], None]:
-    """Return a function that does a `Run`, one part of an exam with one pedestrian, whose result is in its files.
-
-    :param digests: `exam_digest` of each part, where the exam was prepared.
-    """
+def conductor(parts: Sequence[Exam], place: Place) -> Callable[[Run], None]:
+    """Return a function that does a `Run`, one part of an exam with one pedestrian, whose result is in its files."""
     own = [arrived(part, place) for part in parts]
 
     def conduct(run: Run) -> None:
-        exam, digest = dataclasses.replace(own[run.part], head_starts=run.head_starts), digests[run.part]
-        with domain_of(exam):
-            run_with(exam, run.pedestrian, place.folder, run.title, quiet=not run.title, digest=digest)
+        exam = dataclasses.replace(own[run.part], head_starts=run.head_starts)
+        run_with(exam, run.pedestrian, place.folder, run.title)
 
     return conduct
 

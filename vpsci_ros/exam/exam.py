@@ -1,6 +1,8 @@
 """What is asked: an exam's parameters, driving system, episodes and pedestrians, read and checked before any run."""
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -158,6 +160,7 @@ class Exam:
     :ivar people: the near misses whose pedestrians are replayed; None: none are.
     :ivar hashes: SHA-256 of the file of `default` ("weights"), and of `people` ("recorded", else "").
     :ivar files: name -> SHA-256 of each file of the driving system.
+    :ivar digest: SHA-256 of its identity where it was prepared, see `sealed`.
     :ivar part: number of this part of an exam in several parts, from 0.
     :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
         gets the log and the patience for an answer [s]. None: the system of `config` drives.
@@ -175,6 +178,7 @@ class Exam:
     people: "pl.DataFrame | None"
     hashes: Mapping[str, str]
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    digest: str = ""
     part: int = 0
     driver: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
     head_starts: HeadStarts = dataclasses.field(default_factory=dict)
@@ -326,7 +330,7 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
         driver_files(config),
     )
     exam.reach(LEARNED)  # refuses a source of reactions that the bank does not have
-    return exam
+    return sealed(exam)
 
 
 def require_lock_step(simulator: SimulatorConfig) -> None:
@@ -371,6 +375,12 @@ def identity_of(exam: Exam) -> dict[str, Any]:
         "software": software_versions(),
         "cpu": cpu_name(),
     }
+
+
+def sealed(exam: Exam) -> Exam:
+    """Return the exam with the SHA-256 of its present identity, which its runs have wherever they are driven."""
+    text = json.dumps(identity_of(exam), sort_keys=True)
+    return dataclasses.replace(exam, digest=hashlib.sha256(text.encode()).hexdigest())
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = EXAM) -> None:

@@ -6,9 +6,7 @@ this process, and so does the autopilot. A run leaves a record and its result (`
 
 import contextlib
 import dataclasses
-import hashlib
 import itertools
-import json
 import os
 import shutil
 import sys
@@ -36,7 +34,6 @@ from vpsci_ros.exam.exam import (
     SILENT_TICKS,
     SURPLUS_LIMIT,
     Exam,
-    identity_of,
     title_of,
 )
 from vpsci_ros.exam.process import class_process, command_of, failure, running
@@ -68,18 +65,17 @@ _STOPPED = "stopped on request"
 _SIDE_BY_SIDE = 64  # episodes of the autopilot
 
 
-def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, digest: str = "") -> None:
+def run_with(exam: Exam, name: str, folder: Path, which: str = "") -> None:
     """Run the driving system with one pedestrian in `folder`, unless the run is finished; see `read_result`.
 
-    :param which: label of the run in the progress.
-    :param digest: `exam_digest` of the exam; empty: that of this machine.
+    :param which: label of the run in the progress; empty: it is quiet.
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
     run = run_folder(folder, name, exam.part)
     if is_done(exam, folder, name):
         return
-    if not quiet:
+    if which:
         where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
         external = where if exam.config.examined == EXTERNAL and exam.driver is None else ""
         print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
@@ -88,8 +84,9 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool, di
         parent.mkdir(parents=True, exist_ok=True)
     log = folder / "logs" / f"ads_{label_of(name, exam.part)}.log"
     drive = run_in_process if exam.in_process else run_in_graph
-    drive(exam, name, run, log, quiet=quiet)
-    write_item_record(run / RESULT, run_identity(exam, name, digest))
+    with domain_of(exam):
+        drive(exam, name, run, log, quiet=not which)
+    write_item_record(run / RESULT, run_identity(exam, name))
 
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
@@ -101,16 +98,11 @@ def is_done(exam: Exam, folder: Path, name: str) -> bool:
     return finished(run / RESULT, run_identity(exam, name), "it is driven again") is not None
 
 
-def run_identity(exam: Exam, name: str, digest: str = "") -> dict[str, Any]:
+def run_identity(exam: Exam, name: str) -> dict[str, Any]:
     """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
     starts = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes] if exam.head_starts else None
     own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
-    return {**own, "head_starts": starts, "exam_sha256": digest or exam_digest(exam)}
-
-
-def exam_digest(exam: Exam) -> str:
-    """Return a SHA-256 of an exam's identity."""
-    return hashlib.sha256(json.dumps(identity_of(exam), sort_keys=True).encode()).hexdigest()
+    return {**own, "head_starts": starts, "exam_sha256": exam.digest}
 
 
 def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:

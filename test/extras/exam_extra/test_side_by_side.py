@@ -79,9 +79,7 @@ def test_three_exams_are_one_page_with_the_numbers_of_each(three: Path, tmp_path
 
 def test_exams_of_other_episodes_are_refused_with_the_parameter_that_differs(three: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    with pytest.raises(
-        InvalidInput, match=r"other: is an exam with world_simulator.seed = 2, and .*Fast has 1; exams"
-    ):
+    with pytest.raises(InvalidInput, match=r"other: is an exam with world_simulator.seed = 2, and .*Fast has 1; exams"):
         compare_exams([three / "Fast", three / "other"], page)
     with pytest.raises(InvalidInput, match="expected two exams or more, each named once"):
         compare_exams([three / "Fast", three / "Fast"], page)

@@ -15,7 +15,7 @@ import numpy as np
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.drivers import Driver
-from vpsci_ros.exam.exam import EXTERNAL, PERSON, Exam, identity_of, prepare, take_folder, title_of
+from vpsci_ros.exam.exam import EXTERNAL, PERSON, Exam, identity_of, prepare, sealed, take_folder, title_of
 from vpsci_ros.exam.result import RunResult, label_of, read_result
 from vpsci_ros.exam.run import autopilot_run, is_done, loop_with, run_with
 from vpsci_ros.extras.drive.drive_page import Page
@@ -55,7 +55,7 @@ def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
     def at_the_page(*_: object) -> Iterator[Callable[[], Driver]]:
         yield lambda: Person(page, period, factor)
 
-    exam = dataclasses.replace(exam, driver=at_the_page)
+    exam = sealed(dataclasses.replace(exam, driver=at_the_page))
     take_folder(folder, identity_of(exam))
     _compile(exam)
     runs = [(name, part) for name in exam.opponents for part in exam.parts()]
@@ -81,7 +81,7 @@ def _drive(part: Exam, name: str, folder: Path, page: Page, which: str) -> RunRe
     scenario = next(each for each in part.scenarios if each.number == key[0])
     while True:
         page.begin(f"{key[0]}:{key[1]}", scenario, which)
-        run_with(part, name, folder, which, quiet=True)
+        run_with(part, name, folder)
         result = read_result(folder, name, part.part)
         if result.episodes or page.finished:
             return result

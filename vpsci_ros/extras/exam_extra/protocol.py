@@ -17,7 +17,7 @@ import yaml
 from vpsci_ros.documents import listed, read_json, require_form
 from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.drivers import Cockpit, DrivenLoop
-from vpsci_ros.exam.exam import ADS, BASELINE, Exam, identity_of, take_folder, title_of
+from vpsci_ros.exam.exam import ADS, BASELINE, Exam, identity_of, sealed, take_folder, title_of
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.result import RunResult, block_of_ticks
 from vpsci_ros.exam.run import loop_with
@@ -80,7 +80,7 @@ def protocol_exam(exam: Exam, folder: Path) -> Exam:
     scenarios = load_scenarios(run.scenarios, run.scenario_files)
     tests = dataclasses.replace(exam, sections=sections, run=run, world=world, scenarios=scenarios)
     target = euro_ncap.motion(scenarios, tests.with_pedestrian(EURO_NCAP, "external"))
-    return dataclasses.replace(tests, motions={EURO_NCAP: target})
+    return sealed(dataclasses.replace(tests, motions={EURO_NCAP: target}))
 
 
 def run_protocol(

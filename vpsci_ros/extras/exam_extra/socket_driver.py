@@ -19,7 +19,7 @@ from typing import Any
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.drivers import Begin, Driver, Observation
-from vpsci_ros.exam.exam import EXTERNAL, Exam, prepare, require_lock_step
+from vpsci_ros.exam.exam import EXTERNAL, Exam, prepare, require_lock_step, sealed
 from vpsci_ros.exam.process import OWN, command_of, failure, running
 from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.runs.processes import ChildProcess
@@ -152,7 +152,7 @@ def prepare_socket(sections: Sections, ads: str | None, port: int, workers: Site
         )
     require_lock_step(exam.simulator)
     require_own(exam.simulator.engine, "a program behind a socket drives")
-    return dataclasses.replace(exam, driver=partial(connected, command, port, exam.world.tick))
+    return sealed(dataclasses.replace(exam, driver=partial(connected, command, port, exam.world.tick)))
 
 
 @contextlib.contextmanager

@@ -24,7 +24,7 @@ from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.exam import ADS, Exam
 from vpsci_ros.exam.measures import episode_table, worst_first
 from vpsci_ros.exam.result import RunResult, read_result
-from vpsci_ros.exam.run import domain_of, run_with
+from vpsci_ros.exam.run import run_with
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Case, Span, case_of
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.workers import Workers, computed, local_workers
@@ -280,8 +280,7 @@ def _conductor(exam: Exam, folder: Path, pedestrian: str, cases: Mapping[Key, Ca
         changed = exam.only([key for key, _ in amounts])
         if factor:
             changed = FACTORS[factor].change(changed, {key: (cases[key], amount) for key, amount in amounts})
-        with domain_of(exam):
-            run_with(changed, pedestrian, folder / _name(unit), "", quiet=True)
+        run_with(changed, pedestrian, folder / _name(unit))
         return read_result(folder / _name(unit), pedestrian, changed.part)
 
     return conduct
