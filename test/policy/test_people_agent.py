@@ -217,16 +217,20 @@ def keeps_apart(push: tuple[float, float, float], steps: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize("agent", [0, 1])
-def test_where_every_reaction_leads_to_contact_the_least_acceleration_that_keeps_apart_is_added(agent: int) -> None:
-    if agent == 0:
-        pushes = [(way, 0.0, 0.0) for strength in EVASIONS for way in (-2.0 * strength, strength)]
-    else:  # faster or slower along its way, to the left; it is on the right, from where aside is the same as slower
-        pushes = [(0.0, 0.0, way) for strength in EVASIONS for way in (strength, -strength)]
+def test_where_every_reaction_leads_to_contact_the_driver_adds_the_least_acceleration_that_keeps_apart() -> None:
+    pushes = [(way, 0.0, 0.0) for strength in EVASIONS for way in (-2.0 * strength, strength)]
     least = next(push for push in pushes if keeps_apart(push, 30))
-    done = acted(reactions(1)._replace(steps=np.zeros((35, ACTIONS))), agent, MEETS, 1)[0, 0]
-    np.testing.assert_allclose(done, (least[0], 0.0) if agent == 0 else least[1:], atol=1e-9)
-    assert 0.0 < np.abs(least).max() < 4.0
+    one = reactions(1)._replace(steps=np.zeros((35, ACTIONS)))
+    np.testing.assert_allclose(acted(one, 0, MEETS, 1)[0, 0], (least[0], 0.0))
+    assert 0.0 < abs(least[0]) < 8.0
+    assert (acted(one, 1, MEETS, 1)[0, 0] == 0.0).all(), "the pedestrian leaves it to the driver, whose way is enough"
+
+
+def test_a_pedestrian_evades_too_where_the_driver_alone_cannot() -> None:
+    late = MEETS + np.array([5.0, 0, 0, -1.0, 1.7, 0, 0, 0, 0])  # 10 m/s, the front 6.7 m before its line, on the line
+    one = reactions(1)._replace(steps=np.zeros((35, ACTIONS)))
+    assert acted(one, 0, late, 1)[0, 0, 0] != 0.0
+    assert np.abs(acted(one, 1, late, 1)[0, 0]).max() >= EVASIONS[0]
 
 
 def test_a_car_that_deviates_from_the_chosen_reaction_is_expected_to_do_what_it_does() -> None:

@@ -163,17 +163,21 @@ def _act(situation, key, reset, actor, reactions, chosen, room, out):  # type: i
         other = (situation[5], situation[6]) if agent == 0 else (situation[0], 0.0)
         chosen.expected[0], chosen.expected[1] = other
     if near or chosen.age == 0:
-        push = evasion(situation, who, agent, look, reactions, room.done)
+        if unpredicted != NOBODY:
+            push = evasion(situation, who, agent, push, look, reactions, room.done)
+        else:
+            push = evasion(situation, who, 0, push, look, reactions, room.done)
+            push = evasion(situation, who, 1, push, look, reactions, room.done)
     done_after(chosen, reactions, chosen.age, room.done)
+    slows = push[1] * situation[5] + push[2] * situation[6]
+    part = min(1.0, -slows / (STEP * (push[1] * push[1] + push[2] * push[2]))) if slows < 0.0 else 1.0  # to a stand
+    room.done[0] += push[0]
+    room.done[2], room.done[3] = room.done[2] + part * push[1], room.done[3] + part * push[2]
     chosen.age += 1
     _expect(situation, agent, room.done, chosen)
-    fast = max(situation[0], SLOWEST)
+    out[0], out[1] = room.done[2 * agent], room.done[2 * agent + 1]
     if agent == 0:
-        out[0], out[1] = room.done[0] + push[0], room.done[1] * fast * fast
-    else:
-        slow = push[1] * situation[5] + push[2] * situation[6]  # no push beyond standing
-        most = -slow / (STEP * (push[1] * push[1] + push[2] * push[2])) if slow < 0.0 else 1.0
-        out[0], out[1] = room.done[2] + min(most, 1.0) * push[1], room.done[3] + min(most, 1.0) * push[2]
+        out[1] *= max(situation[0], SLOWEST) ** 2
 
 
 @kernel

@@ -6,8 +6,9 @@ step is the recorded one plus the own mean less the recorded situation's. A roll
 move by the world's own kinematics, and keep their velocities for `BEYOND` steps where the recording ends sooner. An
 unpredicted vehicle's acceleration goes on and fades on the arc it is on; an unpredicted pedestrian keeps its velocity.
 
-Where the two would come nearer than `MARGIN`, an agent adds the least acceleration of `EVASIONS` that prevents it:
-a driver brakes or accelerates, a pedestrian goes faster, slower, or aside from the vehicle.
+Where the two would come nearer than `MARGIN`, an agent adds the least acceleration of `EVASIONS` that prevents it: a
+driver brakes or accelerates, a pedestrian goes faster, slower, or aside from the vehicle. Of two agents of one reaction
+the driver evades, and the pedestrian only where that is not enough: if both did, each would undo what the other does.
 """
 
 import math
@@ -104,10 +105,12 @@ def near_after(situation, who, push, look, reactions, done):  # type: ignore[no-
 
 
 @kernel
-def evasion(situation, who, agent, look, reactions, done):  # type: ignore[no-untyped-def]
-    """Return the least `push`, see `near_after`, of one agent that keeps the two apart, or does so for longest."""
-    none = (0.0, 0.0, 0.0)
-    latest, best = near_after(situation, who, none, look, reactions, done), none
+def evasion(situation, who, agent, push, look, reactions, done):  # type: ignore[no-untyped-def]
+    """Return `push`, see `near_after`, with the least acceleration of one agent that keeps the two apart.
+
+    Where none does, the one that does so for longest is added; of equals, none.
+    """
+    latest, best = near_after(situation, who, push, look, reactions, done), push
     aside = 1.0 if situation[4] >= 0.0 else -1.0
     speed = math.sqrt(situation[5] * situation[5] + situation[6] * situation[6])
     forward, left = (situation[5] / speed, situation[6] / speed) if speed > _STANDS else (0.0, aside)
@@ -116,13 +119,13 @@ def evasion(situation, who, agent, look, reactions, done):  # type: ignore[no-un
             if latest == look:
                 return best
             if agent == 0:
-                push = ((strength if way else -2.0 * strength), 0.0, 0.0)
+                trial = ((strength if way else -2.0 * strength), push[1], push[2])
             elif way == 2:
-                push = (0.0, 0.0, strength * aside)
+                trial = (push[0], 0.0, strength * aside)
             else:
                 along = -strength if way else strength
-                push = (0.0, along * forward, along * left)
-            after = near_after(situation, who, push, look, reactions, done)
+                trial = (push[0], along * forward, along * left)
+            after = near_after(situation, who, trial, look, reactions, done)
             if after > latest:
-                latest, best = after, push
+                latest, best = after, trial
     return best
