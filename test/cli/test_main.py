@@ -205,7 +205,7 @@ def test_every_option_that_names_an_output_is_checked() -> None:
     ]
     files = [option for _, option in outputs if "older" not in option.help]
     folders = [command for command, option in outputs if "older" in option.help]
-    assert len(files) == 6
+    assert len(files) == 8
     assert len(folders) >= 20
     assert all(option.callback is not None for option in files)
     assert all(hasattr(command.callback, "__wrapped__") for command in folders if command.name != "report")
