@@ -33,7 +33,7 @@ def loaded_from_the_cache(path: Path) -> bool:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert module.double(1.5) == 3.0
-    return sum(module.double.stats.cache_hits.values()) == 1
+    return sum(module.double.from_python.stats.cache_hits.values()) == 1
 
 
 @pytest.mark.parametrize(
