@@ -99,13 +99,9 @@ def read_near_misses(name: str | Path, kinds: Collection[str] = (WALKER,)) -> pl
             f"{path}: no near miss of a {' or '.join(kinds)}, but of {others}; import its recordings by `--kinds "
             f"{','.join(kinds)}`, or take another table"
         )
-    return _of_part(chosen, part, path)
-
-
-def _of_part(table: pl.DataFrame, part: str, path: Path) -> pl.DataFrame:
     if not part:
-        return table
-    clip = pl.col("clip")
+        return chosen
+    table, clip = chosen, pl.col("clip")
     chosen = table.filter((clip == part) | clip.str.starts_with(f"{part}/"))
     if chosen.is_empty():
         folders = table["clip"].filter(table["clip"].str.contains("/")).str.split("/").list.first().unique().sort()
@@ -129,14 +125,10 @@ def write_near_misses(
         table = table.with_columns(pl.col(_FLOATS).round(4))
         rounded = table.select(pl.col(_FLOATS).cast(pl.Float32).cast(pl.Float64))
         motion = [name for name in _FLOATS if name not in _SIZES]
-        single = [name for name in motion if _same_to_a_tenth_of_a_millimetre(table[name], rounded[name])]
+        single = [n for n in motion if ((table[n] == rounded[n]) | ((table[n] - rounded[n]).abs() <= 5e-5)).all()]
         columns = columns | {name: columns[name]._replace(dtype=pl.Float32) for name in single}
         table = table.with_columns(pl.col(single).cast(pl.Float32))
     write_parquet(table, path, columns, content=_WHAT, **(metadata or {}))
-
-
-def _same_to_a_tenth_of_a_millimetre(one: pl.Series, other: pl.Series) -> bool:
-    return bool(((one == other) | ((one - other).abs() <= 5e-5)).all())
 
 
 def _sizes(path: str | Path) -> dict[str, tuple[float, float]]:
@@ -163,14 +155,16 @@ def check_near_misses(
     if table.is_empty():
         raise InvalidInput(f"{where}: {_WHAT} without a row; import recordings that hold near misses")
     for name in (name for name in _FLOATS if name in given):
-        bad = ~pl.col(name).is_finite()
+        value, expected = pl.col(name), "a finite number"
+        bad = ~value.is_finite()
         if name in ("curvttc", "curvttc_causal"):
-            bad = pl.col(name).is_nan() | (pl.col(name) < 0.0)
+            expected = "a time not below 0, infinity where no collision is predicted, never NaN"
+            bad = value.is_nan() | (value < 0.0)
         elif name in ("veh_speed", "distance"):
-            bad = bad | (pl.col(name) < 0.0)
+            bad, expected = bad | (value < 0.0), f"a {name.removeprefix('veh_')} not below 0"
         elif name in _SIZES:
-            bad = bad | (pl.col(name) <= 0.0)
-        _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
+            bad, expected = bad | (value <= 0.0), "a size above 0"
+        _refuse_first(table, bad, name, where, expected)
     if "kind" in given:
         _refuse_first(table, ~pl.col("kind").is_in(KINDS), "kind", where, " or ".join(KINDS))
     _check_order(table, where, given)
@@ -178,16 +172,6 @@ def check_near_misses(
     if len(given) == len(NEAR_MISS_COLUMNS):
         return table
     return completed(table, sizes).select(list(NEAR_MISS_COLUMNS))
-
-
-_EXPECTED = {
-    "curvttc": "a time not below 0, infinity where no collision is predicted, never NaN",
-    "curvttc_causal": "a time not below 0, infinity where no collision is predicted, never NaN",
-    "veh_speed": "a speed not below 0",
-    "distance": "a distance not below 0",
-    "veh_length": "a size above 0",
-    "veh_width": "a size above 0",
-}
 
 
 def _typed(table: pl.DataFrame, where: str, given: list[str]) -> pl.DataFrame:
@@ -229,7 +213,8 @@ def _check_motion(table: pl.DataFrame, where: str) -> None:
     inside = pl.col("interaction") == pl.col("interaction").shift(1)
     jump = inside & (pl.col("veh_heading").diff().abs() > TURN_LIMIT)
     _refuse_first(table, jump, "veh_heading", where, "radians, unwrapped: no jump between two steps")
-    gap = pl.struct("veh_x", "veh_y", "ped_x", "ped_y", "distance").map_batches(_distance_error, pl.Float64)
+    dx, dy = pl.col("veh_x") - pl.col("ped_x"), pl.col("veh_y") - pl.col("ped_y")
+    gap = ((dx * dx + dy * dy).sqrt() - pl.col("distance")).abs()
     _refuse_first(table, gap > 0.01, "distance", where, "metres between (veh_x, veh_y) and (ped_x, ped_y)")
     moving = table.filter(pl.col("veh_speed") > 1.0)
     along = moving["veh_heading"].cos() * moving["veh_vx"] + moving["veh_heading"].sin() * moving["veh_vy"]
@@ -246,12 +231,6 @@ def _check_motion(table: pl.DataFrame, where: str) -> None:
             f"{where}: interaction {number} never falls below {CRITICAL_TTC:g} s of CurvTTC (least {value:g} s), so it "
             "is no near miss; leave it out"
         )
-
-
-def _distance_error(parts: pl.Series) -> pl.Series:
-    p = parts.struct
-    dx, dy = p.field("veh_x") - p.field("ped_x"), p.field("veh_y") - p.field("ped_y")
-    return ((dx * dx + dy * dy).sqrt() - p.field("distance")).abs()
 
 
 def _refuse_first(table: pl.DataFrame, bad: pl.Expr, name: str, where: str, expected: str) -> None:

@@ -86,11 +86,8 @@ def completed(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]] | No
         if name not in table.columns:
             known = [(sizes or {}).get(source, (VEHICLE_LENGTH, VEHICLE_WIDTH))[i] for source in table["source"]]
             table = table.with_columns(pl.Series(name, known, pl.Float64))
-    rules = (
-        FLAG_RULES
-        | {"kind": pl.lit(WALKER)}
-        | {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
-    )
+    names = {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
+    rules = FLAG_RULES | names | {"kind": pl.lit(WALKER)}
     table = table.with_columns(**{name: rule for name, rule in rules.items() if name not in table.columns})
     for name, work_out in (("curvttc_causal", _causal), ("apart", _apart), ("group", _groups)):
         if name not in table.columns:

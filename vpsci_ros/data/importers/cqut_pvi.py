@@ -133,7 +133,13 @@ def _read_events(path: Path) -> list[_Event]:
             raise InvalidInput(f"{path}: line {count}: expected {expected}; got {shown(line)}")
         rows.setdefault(number, []).append([*values, np.nan][: len(_COLUMNS) + 1])
     _require_distances(np.array([row for own in rows.values() for row in own]), path)
-    return [_event(path.stem, number, np.array(own)) for number, own in rows.items()]
+    events = []
+    for number, own in rows.items():
+        column = dict(zip(_COLUMNS, np.array(own)[int(path.stem in SPURIOUS_FIRST) :].T, strict=False))
+        place = {who: np.stack([column[f"{who}_x"], column[f"{who}_y"]], axis=1) for who in RESIDUAL}
+        speed, waiting = ({who: column[f"{who}_{what}"] for who in RESIDUAL} for what in ("speed", "waiting"))
+        events.append(_Event(path.stem, number, place, speed, waiting))
+    return events
 
 
 def _require_distances(rows: Floats, path: Path) -> None:
@@ -148,23 +154,14 @@ def _require_distances(rows: Floats, path: Path) -> None:
         )
 
 
-def _event(file: str, number: int, values: Floats) -> _Event:
-    own = values[1:] if file in SPURIOUS_FIRST else values
-    column = {name: own[:, i] for i, name in enumerate(_COLUMNS)}
-    place = {who: np.stack([column[f"{who}_x"], column[f"{who}_y"]], axis=1) for who in RESIDUAL}
-    speed, waiting = ({who: column[f"{who}_{what}"] for who in RESIDUAL} for what in ("speed", "waiting"))
-    return _Event(file, number, place, speed, waiting)
-
-
 def _same(one: _Event, other: _Event) -> bool:
-    """Return whether two events are the same event, stored twice."""
-    return all(_shared(one.place[who], other.place[who]) >= _SAME for who in RESIDUAL)
-
-
-def _shared(one: Floats, other: Floats) -> float:
-    """Return the share of positions, to the centimetre, of the shorter of two tracks that the other has, too."""
-    places = [{tuple(place) for place in np.round(100.0 * track).tolist()} for track in (one, other)]
-    return len(places[0] & places[1]) / max(min(map(len, places)), 1)
+    """Return whether two events are the same event, stored twice: most positions, to the centimetre, are equal."""
+    for who in RESIDUAL:
+        tracks = one.place[who], other.place[who]
+        places, theirs = ({tuple(place) for place in np.round(100.0 * track).tolist()} for track in tracks)
+        if len(places & theirs) < _SAME * max(min(len(places), len(theirs)), 1):
+            return False
+    return True
 
 
 def _clip(name: str, events: list[_Event], numbers: list[int], twice: int) -> Clip:

@@ -19,6 +19,7 @@ from vpsci_ros.data.importers.tracks import (
     Unusable,
     alike,
     attempted,
+    hypot,
     merged,
     read_csv,
     require_columns,
@@ -52,14 +53,13 @@ def described(folder: Path, description: Path | None = None, frame_rate: float =
     for file in _files(folder, keys, path):
         name = file.relative_to(folder).with_suffix("").as_posix()
         try:
-            clips = [
-                attempted(name + part, partial(_clip, name + part, file, table, keys, layouts, seen), left_out)
-                for part, table, left_out in _clips(file, keys)
-            ]
+            for part, table, lost in _clips(file, keys):
+                clip = attempted(name + part, partial(_clip, name + part, file, table, keys, layouts, seen))
+                usable.append(clip.usable)
+                yield replace(clip, **common, left_out={**clip.left_out, **lost})
         except InvalidInput as error:
-            clips = [unusable(name, error)]
-        usable += [not any(clip.unusable) for clip in clips]
-        yield from (replace(clip, **common) for clip in clips)
+            usable.append(False)
+            yield replace(unusable(name, error), **common)
     layout = layouts[0]
     for key, named in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)) * (len(layouts) == 1):
         wanted = named - seen.keys()
@@ -74,11 +74,24 @@ def described(folder: Path, description: Path | None = None, frame_rate: float =
 def _clip(
     name: str, file: Path, table: pl.DataFrame, keys: LayoutFile, layouts: list[Layout], seen: Counter[str]
 ) -> Clip:
-    """Return a clip of a table, and count its classes in `seen`, of a layout that has any."""
+    """Return a clip of a table, and count its classes in `seen`, of a layout that has any.
+
+    Of two layouts each has the rows in which its road user is there, each once.
+    """
     if keys.distance:
         _require_distance(table, keys, layouts, file)
-    parts = [clip_of(name, {file: (_rows_of(table, layout, len(layouts)), layout)}) for layout in layouts]
-    seen.update(classes_in(table, layouts[0]) if len(layouts) == 1 else {})
+    if len(layouts) == 1:
+        clip = clip_of(name, {file: (table, layouts[0])})
+        seen.update(classes_in(table, layouts[0]))
+        return clip
+    parts = []
+    for layout in layouts:
+        rows, columns = table, set(layout.columns.values())
+        if columns <= set(table.columns):
+            own = [column for key, column in layout.columns.items() if key not in ("frame", "time")]
+            rows = table.filter(~pl.all_horizontal(pl.col(own).is_null()))
+            rows = rows.unique(sorted(columns), keep="first", maintain_order=True)
+        parts.append(clip_of(name, {file: (rows, layout)}))
     return merged(parts)
 
 
@@ -102,16 +115,6 @@ def _files(folder: Path, keys: LayoutFile, path: Path) -> list[Path]:
     return files
 
 
-def _rows_of(table: pl.DataFrame, layout: Layout, layouts: int) -> pl.DataFrame:
-    """Return the rows of a layout: of two layouts those in which its road user is there, each once."""
-    names = {name: column for name, column in layout.columns.items() if column in table.columns}
-    if layouts == 1 or len(names) < len(layout.columns):
-        return table
-    own = [column for name, column in names.items() if name not in ("frame", "time")]
-    there = table.filter(~pl.all_horizontal(pl.col(own).is_null()))
-    return there.unique(sorted(set(names.values())), keep="first", maintain_order=True)
-
-
 def _require_distance(table: pl.DataFrame, keys: LayoutFile, layouts: list[Layout], file: Path) -> None:
     """Refuse distances that contradict the positions of the vehicle and of the pedestrian in each row."""
     require_columns(table, [keys.distance], file)
@@ -119,8 +122,9 @@ def _require_distance(table: pl.DataFrame, keys: LayoutFile, layouts: list[Layou
     if not {name for place in places for name in place} <= set(table.columns):
         return
     (x, y), (px, py) = ([pl.col(name).cast(pl.Float64, strict=False) for name in place] for place in places)
-    apart = ((x - px) ** 2 + (y - py) ** 2).sqrt()
-    rows = table.select(apart=apart, said=pl.col(keys.distance).cast(pl.Float64, strict=False)).drop_nulls()
+    rows = table.select(
+        apart=hypot(x - px, y - py), said=pl.col(keys.distance).cast(pl.Float64, strict=False)
+    ).drop_nulls()
     apart_, said = (float(np.median(rows[name].to_numpy())) * layouts[0].metres for name in ("apart", "said"))
     if abs(apart_ - said) > max(OFF[0], OFF[1] * apart_):
         raise Unusable(
@@ -133,48 +137,34 @@ def _require_distance(table: pl.DataFrame, keys: LayoutFile, layouts: list[Layou
 def _clips(file: Path, keys: LayoutFile) -> Iterator[tuple[str, pl.DataFrame, dict[str, int]]]:
     """Yield the clips of a file: end of the name, table, and counts of left-out rows; the first clip has all counts.
 
-    :raises InvalidInput: the file does not have the column `clip`, or no row has a value there; or see `_not_lost`.
+    :raises InvalidInput: a column is missing, no row has a value in the column `clip`, or one in `lost` is no mark.
     """
-    table = _table(file, keys)
-    whole, left_out = table.height, Counter[str]()
-    if keys.lost:
-        table = _not_lost(table, keys.lost, file)
-        left_out[LOST] = whole - table.height
-    column = keys.clip
-    if not column:
-        yield "", table, left_out
-        return
-    require_columns(table, [column], file)
-    known = table.drop_nulls(column)
-    if known.is_empty():
-        raise InvalidInput(f"{file}: column {column}: expected the name of a clip in each row, got none")
-    left_out[BLANK] = table.height - known.height
-    for (part,), rows in sorted(known.partition_by(column, as_dict=True, maintain_order=True).items()):
-        yield f"/{part}", rows, left_out
-        left_out = Counter()
-
-
-def _not_lost(table: pl.DataFrame, column: str, file: Path) -> pl.DataFrame:
-    """Return the rows that are not marked as lost.
-
-    :raises InvalidInput: no such column, or a value that is no mark.
-    """
-    require_columns(table, [column], file)
-    text = alike(table[column]).str.to_lowercase().fill_null("")
-    if (odd := table.filter(~text.is_in(list(_MARKS)))).height:
-        raise InvalidInput(
-            f"{file}: line {odd[LINE][0]}, column {column}: expected 0 or 1, true or false, got {shown(odd[column][0])}"
-        )
-    return table.filter(~text.replace_strict(_MARKS, return_dtype=pl.Boolean))
-
-
-def _table(file: Path, keys: LayoutFile) -> pl.DataFrame:
     if file.suffix == ".parquet":
         table = read_parquet(file, "a table of tracks")
     else:
         table = read_csv(file, keys.delimiter, header=keys.header)
-    first = 2 if keys.header else 1
-    return table.with_columns(pl.int_range(first, first + pl.len()).alias(LINE))
+    table = table.with_columns((pl.int_range(pl.len()) + (2 if keys.header else 1)).alias(LINE))
+    require_columns(table, filter(None, (keys.lost, keys.clip)), file)
+    whole, left_out = table.height, Counter[str]()
+    if column := keys.lost:
+        text = alike(table[column]).str.to_lowercase().fill_null("")
+        if (odd := table.filter(~text.is_in(list(_MARKS)))).height:
+            raise InvalidInput(
+                f"{file}: line {odd[LINE][0]}, column {column}: expected 0 or 1, true or false, got "
+                f"{shown(odd[column][0])}"
+            )
+        table = table.filter(~text.replace_strict(_MARKS, return_dtype=pl.Boolean))
+        left_out[LOST] = whole - table.height
+    if not keys.clip:
+        yield "", table, left_out
+        return
+    known = table.drop_nulls(keys.clip)
+    if known.is_empty():
+        raise InvalidInput(f"{file}: column {keys.clip}: expected the name of a clip in each row, got none")
+    left_out[BLANK] = table.height - known.height
+    for (part,), rows in sorted(known.partition_by(keys.clip, as_dict=True, maintain_order=True).items()):
+        yield f"/{part}", rows, left_out
+        left_out = Counter()
 
 
 DESCRIBED = Importer(described, length=LENGTH, width=WIDTH)

@@ -2,10 +2,8 @@
 
 import math
 import os
-from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import fields, replace
-from functools import reduce
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +12,8 @@ import polars as pl
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.pairs import near_misses_of
-from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, require_agreement
-from vpsci_ros.data.importers.tracks import Clip, Importer, added, require_source
+from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, require_agreement, summed
+from vpsci_ros.data.importers.tracks import Clip, Importer, require_source
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.data.near_misses import concat_near_misses
 from vpsci_ros.data.reference import KINDS, WALKER
@@ -59,15 +57,20 @@ def imported_clips(
     """
     if not kinds or set(kinds) - {*KINDS}:
         raise InvalidInput(f"--kinds {','.join(kinds)}: expected one or some of {','.join(KINDS)}")
+    forms = list(formats) * len(folders) if len(formats) == 1 else list(formats)
+    if not folders or len(forms) != len(folders):
+        raise InvalidInput(
+            f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(forms)} formats"
+        )
     found = []
-    for folder, form in _with_formats(folders, formats):
+    for folder, form in zip(map(Path, folders), forms, strict=True):
         importer = IMPORTERS.find(form)
         if frame_rate and not importer.frame_rate:
             raise InvalidInput(f"--frame-rate: files of format {form} say their own frame rate or times; leave it out")
         clips = importer.read(folder, frame_rate=frame_rate) if frame_rate else importer.read(folder)
         clips = list(clips) if keep else clips
-        size = {"length": importer.length, "width": importer.width}
-        result = near_misses_of(form, clips, **size, fastest=fastest, kinds=kinds, strict=strict)
+        options: dict[str, Any] = {"fastest": fastest, "kinds": kinds, "strict": strict}
+        result = near_misses_of(form, clips, length=importer.length, width=importer.width, **options)
         found.append((list(clips) if keep else [], result))
     require_agreement(_of_each_source([result for _, result in found]))
     return found
@@ -90,20 +93,12 @@ def _of_each_source(results: Sequence[ImportResult]) -> tuple[SourceSummary, ...
     by_source: dict[str, list[ImportResult]] = {}
     for result in results:
         by_source.setdefault(result.summaries[0].source, []).append(result)
-    return tuple(_of_one_source(own) for own in by_source.values())
-
-
-def _with_formats(folders: Sequence[str | Path], formats: Sequence[str]) -> list[tuple[Path, str]]:
-    """Return each folder with its format.
-
-    :raises InvalidInput: no folder, or neither one format for each folder nor one for all.
-    """
-    forms = list(formats) * len(folders) if len(formats) == 1 else list(formats)
-    if not folders or len(forms) != len(folders):
-        raise InvalidInput(
-            f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(forms)} formats"
-        )
-    return [(Path(folder), form) for folder, form in zip(folders, forms, strict=True)]
+    out = []
+    for own in by_source.values():
+        numbers = [pl.format("{} {}", pl.lit(i), "interaction").alias("interaction") for i in range(len(own))]
+        least = pl.concat(one.table.select(each, "curvttc") for one, each in zip(own, numbers, strict=True))
+        out.append(replace(summed([one.summaries[0] for one in own]), quartiles=least_quartiles(least)))
+    return tuple(out)
 
 
 def with_unique_clip_names(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
@@ -140,28 +135,6 @@ def _refuse_copies(folders: Sequence[Path], tables: Sequence[pl.DataFrame]) -> N
             other, theirs = seen.setdefault((str(clip), rows.height), (folder, rows))
             if other != folder and theirs.equals(rows):
                 raise InvalidInput(f"{folder}: its clip {clip} is that of {other} to the bit; give each recording once")
-
-
-def _of_one_source(results: Sequence[ImportResult]) -> SourceSummary:
-    """Return the summed counts of several folders of one source."""
-    parts = [result.summaries[0] for result in results]
-    if len(parts) == 1:
-        return parts[0]
-    counts = [field.name for field in fields(SourceSummary) if field.type is int]
-    sums: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in counts}
-    left_out: Counter[str] = sum((Counter(part.left_out) for part in parts), Counter())
-    assumed = tuple(dict.fromkeys(text for part in parts for text in part.assumed))
-    of_all = [pl.format("{} {}", pl.lit(i), "interaction").alias("interaction") for i in range(len(parts))]
-    least = pl.concat(result.table.select(own, "curvttc") for result, own in zip(results, of_all, strict=True))
-    checks = reduce(added, (part.checks for part in parts))
-    return replace(
-        parts[0],
-        **sums,
-        quartiles=least_quartiles(least),
-        left_out=dict(left_out),
-        assumed=assumed,
-        checks=checks,
-    )
 
 
 def named(result: ImportResult, name: str) -> ImportResult:

@@ -7,7 +7,7 @@ at 0.1 s.
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import directions
-from vpsci_ros.data.importers.agreement import checked_table, steps
+from vpsci_ros.data.importers.agreement import Names, checked_table, said_speed, steps
 from vpsci_ros.data.importers.layout_file import BOX, TICKS, Layout
 from vpsci_ros.data.importers.tracks import (
     BACKWARDS,
@@ -23,14 +23,14 @@ from vpsci_ros.data.importers.tracks import (
     LARGEST,
     LINE,
     MAX_GAP,
+    Checks,
     Clip,
     Floats,
     LeftOut,
     Track,
     Unusable,
-    Verdict,
-    added,
     alike,
+    hypot,
     longest_gap,
     merged,
     require_columns,
@@ -45,12 +45,12 @@ from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
-NAMELESS, PLACELESS = "rows without an id", "rows without a position"  # counts of `Clip.left_out`
-CHANGES = "road users that change their class for some frames, and count by the class of most"  # likewise
+# Counts of `Clip.left_out`:
+NAMELESS, PLACELESS = "rows without an id", "rows without a position"
+CHANGES = "road users that change their class for some frames, and count by the class of most"
+TURNS = "jumps of a vehicle's heading, such as those of reversing, at which tracks are cut"
+
 CLASS = "class of the road user"  # a column with the class that counts
-TURNS = (
-    "jumps of a vehicle's heading, such as those of reversing, at which tracks are cut"  # a count of `Clip.left_out`
-)
 REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
 REVERSAL = 2.0  # [rad] between two directions of motion, one of which is backwards
 MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
@@ -76,19 +76,14 @@ def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip
     require_columns(table, layout.columns.values(), path)
     _require_tracks(table, layout, path)
     table, left_out = _steady(table, layout)
-    rate, assumed, vehicles, pedestrians = layout.rate, list[str](), list[Track](), list[Track]()
-    road_users = {
-        f"road users of class {other}": LeftOut(count)
-        for other, count in _users_of(table[CLASS], table, layout).items()
-        if other not in layout.vehicles | layout.kinds.keys()
-    }
+    rate, assumed, vehicles = layout.rate, list[str](), list[Track]()
+    known, users = layout.vehicles | layout.kinds.keys(), classes_in(table, layout)
+    checks = Checks({f"road users of class {own}": LeftOut(n) for own, n in users.items() if own not in known})
 
-    def pieces(tracks: pl.DataFrame, users: _Users, fastest: float) -> Iterator[Track]:
-        nonlocal road_users
+    def pieces(whose: str, fastest: float, tracks: pl.DataFrame, names: Names, kinds: Names) -> Iterator[Track]:
         gap = longest_gap(tracks, rate, path)
-        tracks, jumps, verdict = _without_fast_rows(tracks, layout, fastest, users, path)
-        road_users = added(road_users, verdict.count)
-        left_out[f"speeds of {users.whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
+        tracks, jumps = _without_fast_rows(tracks, layout, fastest, whose, path, names, checks)
+        left_out[f"speeds of {whose} above {fastest:g} m/s (jumps), at which tracks are cut"] += jumps
         left_out[GAPS] += spaces(tracks, rate).filter(pl.col("seconds") > gap).height
         if gap > MAX_GAP:
             assumed.append(
@@ -96,39 +91,37 @@ def _clip_of(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip
                 f"tracks are cut at gaps of more than {gap:.2g} s"
             )
         for track in resample(tracks, rate, "heading", gap, fastest):
-            kind, own = users.kinds.get(track.number, WALKER), users.names.get(track.number, "")
-            yield replace(smoothed(track, layout.smooth), name=own, kind=kind)
+            name, kind = names.get(track.number, ""), kinds.get(track.number, WALKER)
+            yield replace(smoothed(track, layout.smooth), name=name, kind=kind)
 
-    walkers, users, verdicts = _canonical(table, layout, "pedestrians", path)
-    cars, drivers, others = _canonical(table, layout, "vehicles", path)
-    for verdict in (*verdicts, *others):
-        road_users = added(road_users, verdict.count)
-    if walkers.height:
-        pedestrians = [_pedestrian(track) for track in pieces(walkers, users, FASTEST_PEDESTRIAN)]
-        if "vx" not in walkers.columns:
-            assumed.append("velocities of pedestrians are slopes of positions over 0.4 s")
+    walkers, *people = _canonical(table, layout, "pedestrians", path, checks)
+    cars, *drivers = _canonical(table, layout, "vehicles", path, checks)
+    pedestrians = list[Track]()
+    for track in pieces("pedestrians", FASTEST_PEDESTRIAN, walkers, *people):
+        own = {name: track.values[name] for name in "xy"} | dict(
+            zip(("vx", "vy"), _velocity(track.values), strict=True)
+        )
+        pedestrians.append(replace(track, values=own))
+    if walkers.height and "vx" not in walkers.columns:
+        assumed.append("velocities of pedestrians are slopes of positions over 0.4 s")
     if cars.height:
-        forward, left_out[BACKWARDS] = _forward(cars)
-        for track in pieces(forward, drivers, FASTEST_VEHICLE):
+        said = cars.columns
+        forward = cars.filter(_along(cars) >= REVERSING)
+        left_out[BACKWARDS] = cars.height - forward.height
+        for track in pieces("vehicles", FASTEST_VEHICLE, forward, *drivers):
             vehicles += _cut_at_turns(_vehicle(track), left_out, reverses="heading" not in cars.columns)
-        if not {"vx", "speed"} & set(cars.columns):
-            assumed.append("velocities of vehicles are slopes of positions over 0.4 s")
-        assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
-        assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
         without = len({track.number for track in vehicles if track.size is None})
-        if "length" in cars.columns and without:
-            assumed.append(f"sizes of {without} vehicles that have none are the format's")
-    return Clip(
-        name, vehicles, pedestrians, left_out, tuple(assumed), road_users=road_users, described=layout.described
-    )
+        sizes = f"of {without} vehicles that have none" if "length" in cars.columns else "of vehicles"
+        assumed += ["velocities of vehicles are slopes of positions over 0.4 s"] * (not {"vx", "speed"} & {*said})
+        assumed += ["headings are directions of motion"] * ("heading" not in said)
+        assumed += [f"sizes {sizes} are the format's"] * ("length" not in said or without > 0)
+    return Clip(name, vehicles, pedestrians, left_out, tuple(assumed), road_users=checks, described=layout.described)
 
 
 def _require_tracks(table: pl.DataFrame, layout: Layout, path: Path) -> None:
     """Refuse a table in which most road users have a single row."""
-    if "id" not in layout.columns or table.height < _FEW:
-        return
-    column = layout.columns["id"]
-    if 2 * (count := table[column].n_unique()) > table.height:
+    column = layout.columns.get("id", "")
+    if column and table.height >= _FEW and 2 * (count := table[column].n_unique()) > table.height:
         raise Unusable(
             "clips in which most road users have one row",
             f"{path}: column {column} has {count:,} ids in {table.height:,} rows, so most road users have one row; "
@@ -162,7 +155,7 @@ def _steady(table: pl.DataFrame, layout: Layout) -> tuple[pl.DataFrame, Counter[
     rows = rows.join(table.select(LINE, **numbers), on=LINE).sort("id", "t", maintain_order=True)
     alone = pl.struct("id", "t").is_unique().all().over("id")
     dx, dy, dt = (pl.col(name).diff().over("id") for name in "xyt")
-    cut = (dt > _CHANGES_WITHIN) | ((dx**2 + dy**2).sqrt() > FASTEST_VEHICLE * dt)
+    cut = (dt > _CHANGES_WITHIN) | (hypot(dx, dy) > FASTEST_VEHICLE * dt)
     rows = rows.with_columns(piece=(cut.fill_null(True)).cum_sum()).filter(alone)
     most = pl.col(CLASS).drop_nulls().mode(maintain_order=True).first().over("piece")
     changed = rows.with_columns(most=most).filter(pl.col("most") != pl.col(CLASS).fill_null(""))
@@ -172,11 +165,8 @@ def _steady(table: pl.DataFrame, layout: Layout) -> tuple[pl.DataFrame, Counter[
 
 
 def classes_in(table: pl.DataFrame, layout: Layout) -> Counter[str]:
-    """Return the number of road users of each class."""
-    return _users_of(_classes(table, layout), table, layout)
-
-
-def _users_of(classes: pl.Series, table: pl.DataFrame, layout: Layout) -> Counter[str]:
+    """Return the number of road users of each class, the one that counts where the table has it."""
+    classes = table[CLASS] if CLASS in table.columns else _classes(table, layout)
     rows = pl.DataFrame({"class": classes, "id": _names(table, layout)})
     return Counter(dict(rows.group_by("class").agg(pl.col("id").n_unique()).sort("class").rows()))
 
@@ -190,15 +180,6 @@ def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
     if "class" not in layout.columns:
         return pl.Series("class", [next(iter(layout.vehicles | layout.pedestrians))]).new_from_index(0, table.height)
     return alike(table[layout.columns["class"]]).str.to_lowercase()
-
-
-@dataclass(frozen=True)
-class _Users:
-    """The road users of one role in a table: their ids and their kinds by number, where they have any."""
-
-    whose: str
-    names: Mapping[int, str]
-    kinds: Mapping[int, str]
 
 
 class _Rows:
@@ -236,13 +217,8 @@ class _Rows:
                 f"{self.path}: column {column} holds dates or times of day, such as {shown(given.filter(bad)[0])}; "
                 "expected numbers: write seconds since any instant"
             )
-        self.mark(
-            bad,
-            lambda row: (
-                f", column {column}: expected a finite number, got {shown(given[row])}; correct the file or "
-                "remove that road user's rows"
-            ),
-        )
+        correct = "correct the file or remove that road user's rows"
+        self.mark(bad, lambda n: f", column {column}: expected a finite number, got {shown(given[n])}; {correct}")
         return numbers.set(bad, 0.0)
 
     def whole(self, values: pl.Series, column: str) -> pl.Series:
@@ -253,9 +229,9 @@ class _Rows:
 
 
 def _canonical(
-    table: pl.DataFrame, layout: Layout, whose: str, path: Path
-) -> tuple[pl.DataFrame, _Users, list[Verdict]]:
-    """Return the rows of vehicles or pedestrians in metres and radians, who they are, and whom checks leave out.
+    table: pl.DataFrame, layout: Layout, whose: str, path: Path, checks: Checks
+) -> tuple[pl.DataFrame, Names, Names]:
+    """Return the rows of vehicles or pedestrians in metres and radians, and their ids and kinds by number, if any.
 
     The rows have id, frame, x, y, and those of vx, vy, speed, heading, length, width that the layout has.
 
@@ -264,9 +240,7 @@ def _canonical(
     walk = whose == "pedestrians"
     table = table.filter(pl.col(CLASS).is_in(list(layout.kinds if walk else layout.vehicles)))
     rows = _Rows(table, path)
-    names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
-    if walk:
-        names = [name for name in names if name in ("x", "y", *BOX, "vx", "vy")]
+    wanted = ("x", "y", *BOX, "vx", "vy", *(() if walk else ("speed", "heading", "length", "width")))
     ids, named = _ids(rows, layout)
     clock = layout.columns["frame" if "frame" in layout.columns else "time"]
     ticks = rows.numbers(clock)
@@ -274,7 +248,7 @@ def _canonical(
         _require_precision(ticks, layout, path)
         ticks = (ticks * (layout.time_unit * TICKS)).round()
     found = {"id": ids, "frame": rows.whole(ticks, clock)}
-    for name in names:
+    for name in (name for name in layout.columns if name in wanted):
         found[name] = rows.numbers(layout.columns[name]) * layout.unit(name)
     if "x_min" in found:
         low_x, low_y, high_x, high_y = (found.pop(name) for name in BOX)
@@ -285,24 +259,18 @@ def _canonical(
     tracks = tracks.sort("id", "frame", maintain_order=True)
     twice = tracks.select("row", twice=(pl.struct("id", "frame").is_duplicated() & ~pl.col("bad"))).sort("row")["twice"]
     rows.mark(twice, lambda row: ": this frame of this road user comes twice; keep one")
-    lost = ids.filter(rows.bad).unique().to_list()
-    verdict = Verdict(
-        f"{whose} that cannot be read", ids.n_unique(), lost, min(rows.faults.items(), default=(0, ""))[1]
-    )
-    tracks = verdict.rest(tracks.drop("row", "bad"))
-    said = tracks
+    lost, fault = ids.filter(rows.bad).unique().to_list(), min(rows.faults.items(), default=(0, ""))[1]
+    checks.report(f"{whose} that cannot be read", ids.n_unique(), lost, fault)
+    said = tracks = tracks.filter(~pl.col("id").is_in(lost)).drop("row", "bad")
     if walk and "speed" in layout.columns and layout.speeds_agree:
         speed = table[layout.columns["speed"]].cast(pl.Float64, strict=False) * layout.unit("speed")
         speeds = pl.DataFrame({"id": ids, "frame": found["frame"], "speed": speed}).unique(["id", "frame"])
         said = tracks.join(speeds, ["id", "frame"], "left", maintain_order="left")
-    said, verdicts = checked_table(said, layout, whose, str(path), named)
-    tracks = said.select(tracks.columns)
+    tracks = checked_table(said, layout, whose, str(path), named, checks).select(tracks.columns)
     if "heading" in found:
         tracks = tracks.with_columns(layout.directions(tracks["heading"], layout.angle, layout.heading))
-    kinds = (
-        dict(zip(ids, table[CLASS].replace_strict(layout.kinds, return_dtype=pl.String), strict=True)) if walk else {}
-    )
-    return tracks, _Users(whose, named, kinds), [verdict, *verdicts]
+    kinds = table[CLASS].replace_strict(layout.kinds, return_dtype=pl.String) if walk else ()
+    return tracks, named, dict(zip(ids, kinds, strict=False))
 
 
 def _require_precision(times: pl.Series, layout: Layout, path: Path) -> None:
@@ -368,59 +336,45 @@ def _cut_at_turns(track: Track, left_out: Counter[str], *, reverses: bool) -> It
             )
 
 
-def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
-    """Return the rows in which a car does not drive backwards, and the number of the other rows."""
+def _along(cars: pl.DataFrame) -> pl.Expr:
+    """Return the speed [m/s] along the heading that rows say; 0 without it."""
     if "speed" in cars.columns:
-        along = pl.col("speed")
-    elif {"vx", "heading"} <= set(cars.columns):
-        along = pl.col("vx") * pl.col("heading").cos() + pl.col("vy") * pl.col("heading").sin()
-    else:
-        return cars, 0
-    forward = cars.filter(along >= REVERSING)
-    return forward, cars.height - forward.height
+        return pl.col("speed")
+    if {"vx", "heading"} <= set(cars.columns):
+        return pl.col("vx") * pl.col("heading").cos() + pl.col("vy") * pl.col("heading").sin()
+    return pl.lit(0.0)
 
 
 def _without_fast_rows(
-    tracks: pl.DataFrame, layout: Layout, fastest: float, users: _Users, path: Path
-) -> tuple[pl.DataFrame, int, Verdict]:
-    """Return the rows whose speed is at most `fastest` [m/s], the number of other rows and of jumps, and a verdict.
+    tracks: pl.DataFrame, layout: Layout, fastest: float, whose: str, path: Path, names: Names, checks: Checks
+) -> tuple[pl.DataFrame, int]:
+    """Return the rows whose speed is at most `fastest` [m/s], and the number of other rows and of jumps.
 
     A jump is a step between two rows of a road user that would take a higher speed than `fastest`. Road users most of
     whose rows are so are left out.
     """
-    said = pl.lit(0.0)
-    if "vx" in tracks.columns:
-        said = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
-    elif "speed" in tracks.columns:
-        said = pl.col("speed")
-    slow = tracks.filter(said <= fastest)
-    way = (pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt()
-    jumps = steps(slow, layout.rate).filter(way > fastest * pl.col("seconds"))
-    fast = pl.concat([tracks.filter(said > fastest).select("id"), jumps.select("id")]).group_by("id").len("fast")
+    tracks = tracks.with_columns(said=said_speed(tracks))
+    slow, said = tracks.filter(pl.col("said") <= fastest), tracks.filter(pl.col("said") > fastest)
+    jumps = steps(slow, layout.rate).filter(pl.col("way") > fastest * pl.col("seconds"))
+    fast = pl.concat([said.select("id"), jumps.select("id")]).group_by("id").len("fast")
     shares = tracks.group_by("id", maintain_order=True).len("rows").join(fast, "id", "left", maintain_order="left")
-    most = shares.filter(2 * pl.col("fast") > pl.col("rows"))
-    text = ""
+    most, text = shares.filter(2 * pl.col("fast") > pl.col("rows")), ""
     if most.height:
         number, count, of = most.select("id", "fast", "rows").row(0)
         text = (
-            f"{path}, road user {users.names.get(number, number)}: {count:,} of {of:,} rows of {users.whose} are "
-            f"faster than {fastest:g} m/s; the unit of positions or times is another"
+            f"{path}, road user {names.get(number, number)}: {count:,} of {of:,} rows of {whose} are faster than "
+            f"{fastest:g} m/s; the unit of positions or times is another"
             + " (metres, time_unit, frame_rate)" * layout.described
             + ", or they are relative to a moving sensor"
         )
-    what = f"{users.whose} faster than {fastest:g} m/s in most of their rows"
-    verdict = Verdict(what, shares.height, most["id"].to_list(), text)
-    others = int(shares["fast"].fill_null(0).sum()) - int(most["fast"].sum())
-    return verdict.rest(slow), others, verdict
+    what = f"{whose} faster than {fastest:g} m/s in most of their rows"
+    odd = checks.report(what, shares.height, most["id"].to_list(), text)
+    others = int(shares["fast"].sum()) - int(most["fast"].sum())
+    return slow.filter(~pl.col("id").is_in(odd)).drop("said"), others
 
 
 def _velocity(own: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     return (own["vx"], own["vy"]) if "vx" in own else (slope(own["x"]), slope(own["y"]))
-
-
-def _pedestrian(track: Track) -> Track:
-    vx, vy = _velocity(track.values)
-    return replace(track, values={"x": track.values["x"], "y": track.values["y"], "vx": vx, "vy": vy})
 
 
 def _vehicle(track: Track) -> Track:

@@ -31,12 +31,11 @@ HEADINGS = {  # how a heading is measured -> factor and summand [rad] that make 
     "counter-clockwise from north": (1.0, 0.5 * math.pi),
 }
 TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
-_COLUMNS = (
-    *("id", "frame", "time", "class", "x", "y", *BOX, "vx", "vy", "speed", "heading", "length", "width"),
-    *("lost", "distance"),
-)
 _OF_ROWS = ("lost", "distance")  # of a row, not of a road user
+_MEASURED = ("vx", "vy", "speed", "heading", "length", "width")
+_COLUMNS = ("id", "frame", "time", "class", "x", "y", *BOX, *_MEASURED, *_OF_ROWS)
 _ROLES = ("vehicle", "pedestrian")
+_CLASSES = ("vehicles", "pedestrians", "cyclists", "scooters")
 _SAID = {  # kinds that names of classes say; "it": of rows that hold a pedestrian each
     WALKER: "pedestrian pedestrians person persons people ped peds walker adult child human it",
     CYCLIST: "bicycle bicyclist bike biker cyclist",
@@ -88,7 +87,7 @@ class Layout:
     described: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("vehicles", "pedestrians", "cyclists", "scooters"):
+        for name in _CLASSES:
             values = alike(pl.Series(sorted(getattr(self, name)), dtype=pl.String)).str.to_lowercase()
             object.__setattr__(self, name, frozenset(values))
 
@@ -152,22 +151,13 @@ KEYS: dict[str, tuple[Any, Callable[[Any], bool], str]] = {  # key -> default, c
     "header": (True, _truth, "true or false"),
     "files": (
         "*.csv",
-        lambda value: isinstance(value, str) and bool(value) and not Path(value).is_absolute(),
+        lambda value: isinstance(value, str) and value[:1] not in ("", "/"),
         "a pattern such as '*.csv'",
     ),
     "clip": ("", lambda value: isinstance(value, (str, int)) and not _truth(value), "the name of a column"),
-    "delimiter": (
-        ",",
-        lambda value: isinstance(value, str) and len(value.encode()) == 1,
-        "one character such as ';'",
-    ),
-    "columns": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
-    "vehicle": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
-    "pedestrian": ({}, lambda value: isinstance(value, dict), _COLUMNS_OF),
-    "vehicles": ([], lambda value: isinstance(value, list), _LIST),
-    "pedestrians": ([], lambda value: isinstance(value, list), _LIST),
-    "cyclists": ([], lambda value: isinstance(value, list), _LIST),
-    "scooters": ([], lambda value: isinstance(value, list), _LIST),
+    "delimiter": (",", lambda value: isinstance(value, str) and len(value.encode()) == 1, "one character such as ';'"),
+    **{key: ({}, lambda value: isinstance(value, dict), _COLUMNS_OF) for key in ("columns", *_ROLES)},
+    **{key: ([], lambda value: isinstance(value, list), _LIST) for key in _CLASSES},
     "frame_rate": (0.0, lambda value: value == 0.0 or _number(value), "a number above 0"),
     "time_unit": (1.0, _number, "a number above 0"),
     "metres": (1.0, _number, "a number above 0"),
@@ -206,13 +196,8 @@ def read_layout_file(path: Path) -> LayoutFile:
     if values["source"] != "":
         require_source(values["source"], f"{path}: source:")
     own: dict[str, Any] = {name: str(values["columns"].get(name, "")) for name in _OF_ROWS}
-    plain = ("header", "files", "delimiter", "length", "width", "fixed", "source")
-    return LayoutFile(
-        layouts=tuple(_layouts(values, path)),
-        clip=str(values["clip"]),
-        **own,
-        **{name: values[name] for name in plain},
-    )
+    own |= {name: values[name] for name in ("header", "files", "delimiter", "length", "width", "fixed", "source")}
+    return LayoutFile(layouts=tuple(_layouts(values, path)), clip=str(values["clip"]), **own)
 
 
 def _layouts(values: dict[str, Any], path: Path) -> list[Layout]:
@@ -227,8 +212,8 @@ def _layouts(values: dict[str, Any], path: Path) -> list[Layout]:
         for key in ("vehicles", "pedestrians"):
             if not values[key] or "class" not in values["columns"]:
                 raise InvalidInput(f"{path}: {key}: expected {_LIST}, got {shown(values[key])}")
-        kinds = (frozenset(map(str, values[key])) for key in ("vehicles", "pedestrians"))
-        return [_layout(values, "columns", values["columns"], path, *kinds)]
+        classes = {key: frozenset(map(str, values[key])) for key in _CLASSES}
+        return [_layout(values, "columns", values["columns"], path, classes)]
     if len(given) == 1:
         role = next(iter(given))
         raise InvalidInput(
@@ -241,18 +226,12 @@ def _layouts(values: dict[str, Any], path: Path) -> list[Layout]:
             raise InvalidInput(f"{path}: {role}: expected either it or class, vehicles and pedestrians")
         if own := set(_OF_ROWS) & set(given[role]):
             raise InvalidInput(f"{path}: {role}: {min(own)} belongs to columns: expected one for the whole row")
-    alone, none = frozenset({"it"}), frozenset[str]()
-    kinds_of = {"vehicle": (alone, none), "pedestrian": (none, alone)}
-    return [_layout(values, role, columns, path, *kinds_of[role]) for role, columns in both.items()]
+    none = dict.fromkeys(_CLASSES, frozenset[str]())
+    return [_layout(values, role, own, path, none | {f"{role}s": frozenset({"it"})}) for role, own in both.items()]
 
 
 def _layout(
-    values: dict[str, Any],
-    key: str,
-    columns: dict[str, Any],
-    path: Path,
-    vehicles: frozenset[str],
-    pedestrians: frozenset[str],
+    values: dict[str, Any], key: str, columns: dict[str, Any], path: Path, classes: dict[str, frozenset[str]]
 ) -> Layout:
     """Return the layout of a file's rows, or of one role in them; `key` is where its columns stand."""
     where, names = f"{path}: {key}:", set(columns)
@@ -278,17 +257,12 @@ def _layout(
         raise InvalidInput(
             f"{where} without a header expected numbers of columns, 1 for the first, got {shown(columns)}"
         )
-    numbers: dict[str, Any] = {name: float(values[name]) for name in ("frame_rate", "time_unit", "metres", "smooth")}
-    numbers |= {name: UNITS[name][unit] for name, unit in values["units"].items()}
-    cyclists, scooters = (frozenset(map(str, values[name])) for name in ("cyclists", "scooters"))
+    own: dict[str, Any] = {name: float(values[name]) for name in ("frame_rate", "time_unit", "metres", "smooth")}
+    own |= {name: UNITS[name][unit] for name, unit in values["units"].items()} | classes
+    own["mixed"] = not (classes["cyclists"] or classes["scooters"])
     return Layout(
         columns={str(name): str(column) for name, column in columns.items() if name not in _OF_ROWS},
-        cyclists=cyclists,
-        scooters=scooters,
-        mixed=not (cyclists or scooters),
-        vehicles=vehicles,
-        pedestrians=pedestrians,
-        **numbers,
+        **own,
         heading=values["heading"],
         y_down=values["y_down"],
     )

@@ -12,8 +12,8 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.agreement import MOVING_SENSOR, checked, moving_sensor
-from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles
-from vpsci_ros.data.importers.tracks import FAST, Clip, Floats, LeftOut, Track, added, median_speed, slope
+from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, summed
+from vpsci_ros.data.importers.tracks import FAST, Clip, Floats, LeftOut, Track, median_speed, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import WALKER, completed, curvttc_of, trailing_slope
 from vpsci_ros.errors import InvalidInput
@@ -38,86 +38,76 @@ def near_misses_of(
 
     :param source: its name, unless the clips say another.
     :param length, width: of vehicles whose tracks and clips do not say [m].
-    :param fastest: pedestrians whose median speed exceeds this are left out [m/s], see `Clip.without_faster`.
+    :param fastest: pedestrians whose median speed exceeds this are left out [m/s].
     :param kinds: of `KINDS`, those of the pedestrians to import, see `Clip.of_kinds`.
     :param strict: refuse what a check would leave out.
     :raises InvalidInput: two clips of one name, or of several sources or sizes; or see `clips`.
     """
-    parts: list[pl.DataFrame] = []
-    pairs = vehicles = pedestrians = fast = used = unused = 0
-    left_out: Counter[str] = Counter()
-    road_users: dict[str, LeftOut] = {}
-    assumed: dict[str, None] = {}
-    names: set[str] = set()
+    parts, counts = list[pl.DataFrame](), dict[str, SourceSummary]()
     everybody: list[Track] = []
-    size = length, width
-    described = False
+    size, described = (length, width), False
 
-    def count(more: Mapping[str, LeftOut]) -> None:
-        nonlocal road_users
-        if strict and (text := next((own.example for own in more.values() if own.example), "")):
+    def counted(found: Mapping[str, LeftOut]) -> dict[str, LeftOut]:
+        if strict and (text := next((own.example for own in found.values() if own.example), "")):
             raise InvalidInput(text)
-        per_clip = {what: replace(own, odd_clips=int(own.count > 0), clips=1) for what, own in more.items()}
-        road_users = added(road_users, per_clip)
+        return {what: replace(own, odd_clips=int(own.count > 0), clips=1) for what, own in found.items()}
 
     for recorded in clips:
         own = recorded.source or source, recorded.size or size
-        if names and own != (source, size):
+        if counts and own != (source, size):
             raise InvalidInput(
                 f"{source}: clip {recorded.name}: expected source {source} and vehicles of {size} m, as others say, "
                 f"got {own[0]} and {own[1]} m; give recordings of each a folder of their own"
             )
         source, size = own
-        if recorded.name in names:
+        if recorded.name in counts:
             raise InvalidInput(
                 f"{source}: two recordings are called {recorded.name}; rename one, or give their folders one by one, "
                 "which tells clips of one name apart"
             )
-        names.add(recorded.name)
-        what, text = recorded.unusable
-        count({what: LeftOut(1, 0, text)} if what else {})
         clip = checked(source, recorded)
         everybody += [] if clip.fixed else clip.pedestrians
         described |= clip.described
-        clip = clip.of_kinds(kinds).with_headings().without_faster(fastest)
-        count(clip.road_users)
-        fast += sum(median_speed(track) > FAST for track in clip.pedestrians)
-        vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
-        used += len(clip.numbers())
-        unused += sum(own.count for own in recorded.road_users.values()) + len(recorded.numbers()) - len(clip.numbers())
-        left_out.update(clip.left_out)
-        assumed |= dict.fromkeys(clip.assumed)
+        clip = clip.with_headings().of_kinds(kinds, fastest)
+        left_out, pairs = Counter(clip.left_out), 0
         for vehicle, pedestrian in _together(clip):
-            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or size))
             pairs += 1
+            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or size))
             if near_miss is not None and near_miss.height < LEAST_STEPS:
                 left_out[BRIEF] += 1
             elif near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
                 parts.append(near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name)))
+        before = sum(own.count for own in recorded.road_users.values()) if recorded.usable else 0
+        counts[clip.name] = SourceSummary(
+            source,
+            clips=1,
+            pairs=pairs,
+            left_out=left_out,
+            assumed=clip.assumed,
+            vehicles=len(clip.vehicles),
+            pedestrians=len(clip.pedestrians),
+            fast=sum(median_speed(track) > FAST for track in clip.pedestrians),
+            used=clip.users(),
+            unused=before + recorded.users() - clip.users(),
+            checks=counted(clip.road_users),
+        )
+    total = summed([SourceSummary(source, vehicle_length=size[0], vehicle_width=size[1]), *counts.values()])
     if text := moving_sensor(everybody, described=described):
-        count({MOVING_SENSOR: LeftOut(len(everybody), len(everybody), f"{source}: {text}")})
-        parts, used, unused = [], 0, used + unused
+        more = {MOVING_SENSOR: LeftOut(len(everybody), len(everybody), f"{source}: {text}")}
+        moving = SourceSummary(source, used=-total.used, unused=total.used, checks=counted(more))
+        parts, total = [], summed([total, moving])
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
     table = completed(pl.concat(parts)).select(list(NEAR_MISS_COLUMNS)) if parts else empty
-    summary = SourceSummary(
-        source,
-        clips=len(names),
-        pairs=pairs,
+    of_users = {what: own.count for what, own in total.checks.items() if own.count}
+    summary = replace(
+        total,
         near_misses=len(parts),
         steps=table.height,
         critical_steps=table.filter(pl.col("curvttc") < CRITICAL_TTC).height,
         quartiles=least_quartiles(table),
-        vehicle_length=size[0],
-        vehicle_width=size[1],
-        left_out=dict(+left_out) | {what: own.count for what, own in road_users.items() if own.count},
-        assumed=tuple(assumed),
-        vehicles=vehicles,
-        pedestrians=pedestrians,
-        fast=fast,
-        used=used,
-        unused=unused,
-        checks={what: own for what, own in road_users.items() if own.judged or own.example},
+        left_out={**total.left_out, **of_users},
+        checks={what: own for what, own in total.checks.items() if own.judged or own.example},
     )
     return ImportResult(table, (summary,))
 

@@ -8,9 +8,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -65,10 +63,9 @@ class Track:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Road users that were left out: how many, of how many that were judged, and the first of them in words.
+    """How many road users a check left out, of how many that it judged, in how many of how many clips, and the first.
 
-    :ivar judged: 0: by a rule that judges nobody, such as a class that is not imported; no reason to refuse.
-    :ivar odd_clips, clips: clips in which somebody was left out, and in which somebody was judged.
+    :ivar judged: 0: whole clips were left out, or, without an example, by a rule that is no reason to refuse.
     """
 
     count: int = 0
@@ -77,42 +74,22 @@ class LeftOut:
     odd_clips: int = 0
     clips: int = 0
 
-    def __add__(self, other: "LeftOut") -> "LeftOut":
-        sums = {name: getattr(self, name) + getattr(other, name) for name in ("count", "judged", "odd_clips", "clips")}
-        return LeftOut(**sums, example=self.example or other.example)
 
-    @property
-    def most(self) -> bool:
-        """Whether most of those who were judged were left out, and this not in few clips with many road users."""
-        return 2 * self.count > self.judged > 0 and 2 * self.odd_clips > self.clips
+class Checks(dict[str, LeftOut]):
+    """What checks left out, by a text that says whom."""
 
+    def report(self, what: str, judged: int, odd: Collection[int], text: str) -> Collection[int]:
+        """Count the road users `odd` of `judged` that a check leaves out, and why, in words; return their numbers."""
+        if judged:
+            self.add({what: LeftOut(len(odd), judged, text if odd else "")})
+        return odd
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a check says of road users: `odd`, the numbers of those to leave out, and why, in words.
-
-    :ivar what: whom it leaves out, as the summary counts them.
-    :ivar judged: the number of road users that it judges.
-    """
-
-    what: str
-    judged: int
-    odd: Collection[int] = ()
-    text: str = ""
-
-    @property
-    def count(self) -> dict[str, LeftOut]:
-        """What to count, by what it is; nothing where nobody was judged."""
-        return {self.what: LeftOut(len(self.odd), self.judged, self.text * bool(self.odd))} if self.judged else {}
-
-    def rest(self, tracks: pl.DataFrame) -> pl.DataFrame:
-        """Return the rows of road users that stay."""
-        return tracks.filter(~pl.col("id").is_in(self.odd)) if self.odd else tracks
-
-
-def added(one: Mapping[str, LeftOut], other: Mapping[str, LeftOut]) -> dict[str, LeftOut]:
-    """Return the sums of two counts."""
-    return {what: one.get(what, LeftOut()) + other.get(what, LeftOut()) for what in {**one, **other}}
+    def add(self, more: Mapping[str, LeftOut]) -> None:
+        """Add further counts."""
+        for what, own in more.items():
+            old = self.get(what, LeftOut())
+            sums = {name: getattr(old, name) + getattr(own, name) for name in ("count", "judged", "odd_clips", "clips")}
+            self[what] = LeftOut(**sums, example=old.example or own.example)
 
 
 @dataclass(frozen=True)
@@ -129,7 +106,6 @@ class Clip:
         tracks have no size; all clips of a folder have the same. "" and None: those of the format.
     :ivar fixed: positions are in a frame fixed to the ground, even if most pedestrians move alike.
     :ivar described: it was read by a user's `layout.yaml`, whose keys messages may name.
-    :ivar unusable: why the whole clip is left out, and the message; ("", ""): it is not.
     """
 
     name: str
@@ -142,17 +118,15 @@ class Clip:
     fixed: bool = False
     road_users: Mapping[str, LeftOut] = field(default_factory=dict)
     described: bool = False
-    unusable: tuple[str, str] = ("", "")
 
-    def numbers(self) -> list[tuple[str, int]]:
-        """Return each vehicle and pedestrian once: "vehicles" or "pedestrians", and its number."""
-        return list({(role, track.number) for role in ROLES for track in getattr(self, role)})
+    @property
+    def usable(self) -> bool:
+        """Whether the clip could be read, see `unusable`."""
+        return not any(own.example and not own.judged for own in self.road_users.values())
 
-    def without(self, role: str, verdict: Verdict) -> "Clip":
-        """Return the clip without the vehicles or pedestrians that a verdict leaves out; `road_users` counts them."""
-        odd = set(verdict.odd)
-        stay: Any = {role: [track for track in getattr(self, role) if track.number not in odd]}
-        return replace(self, **stay, road_users=added(self.road_users, verdict.count))
+    def users(self) -> int:
+        """Return the number of vehicles and pedestrians, each counted once."""
+        return sum(len({track.number for track in tracks}) for tracks in (self.vehicles, self.pedestrians))
 
     def with_headings(self) -> "Clip":
         """Return the clip without vehicles whose heading is NaN; `left_out` counts them."""
@@ -160,26 +134,24 @@ class Clip:
         count = {NO_HEADING: len(self.vehicles) - len(known)}
         return replace(self, vehicles=known, left_out=Counter(self.left_out) + Counter(count))
 
-    def of_kinds(self, kinds: Collection[str]) -> "Clip":
-        """Return the clip with pedestrians of these kinds alone; `road_users` counts the others.
+    def of_kinds(self, kinds: Collection[str], fastest: float) -> "Clip":
+        """Return the clip with pedestrians of these kinds alone, whose median speed is at most `fastest` [m/s].
 
         Where the recording does not say the kind, somebody with a median speed above `FAST` is a cyclist.
+        `road_users` counts other kinds, `left_out` the faster tracks.
         """
         every: dict[int, list[Track]] = {}
         for track in self.pedestrians:
             every.setdefault(track.number, []).append(track)
         kind = {number: own[0].kind or (WALKER, CYCLIST)[median_speed(*own) > FAST] for number, own in every.items()}
-        others = Counter(own for own in kind.values() if own not in kinds)
-        count = {f"{own}s, which `--kinds {own}` imports": LeftOut(n) for own, n in sorted(others.items())}
-        tracks = [replace(track, kind=kind[track.number]) for track in self.pedestrians]
-        tracks = [track for track in tracks if track.kind in kinds]
-        return replace(self, pedestrians=tracks, road_users=added(self.road_users, count))
-
-    def without_faster(self, fastest: float) -> "Clip":
-        """Return the clip without pedestrians whose `median_speed` exceeds `fastest` [m/s]; `left_out` counts them."""
-        slow = [track for track in self.pedestrians if median_speed(track) <= fastest]
-        count = {f"pedestrians faster than {fastest:g} m/s": len(self.pedestrians) - len(slow)}
-        return replace(self, pedestrians=slow, left_out=Counter(self.left_out) + Counter(count))
+        others, checks = Counter(own for own in kind.values() if own not in kinds), Checks(self.road_users)
+        checks.add({f"{own}s, which `--kinds {own}` imports": LeftOut(n) for own, n in sorted(others.items())})
+        tracks = [replace(track, kind=kind[track.number]) for track in self.pedestrians if kind[track.number] in kinds]
+        slow = [track for track in tracks if median_speed(track) <= fastest]
+        left_out = Counter(self.left_out) + Counter(
+            {f"pedestrians faster than {fastest:g} m/s": len(tracks) - len(slow)}
+        )
+        return replace(self, pedestrians=slow, road_users=checks, left_out=left_out)
 
 
 class Unusable(InvalidInput):
@@ -193,16 +165,15 @@ class Unusable(InvalidInput):
 def unusable(name: str, error: InvalidInput) -> Clip:
     """Return an empty clip that says why nothing of it can be used."""
     what = error.what if isinstance(error, Unusable) else "clips that cannot be read"
-    return Clip(name, [], [], unusable=(what, str(error)))
+    return Clip(name, [], [], road_users={what: LeftOut(1, 0, str(error))})
 
 
-def attempted(name: str, read: Callable[[], Clip], left_out: Mapping[str, int] | None = None) -> Clip:
-    """Return the clip that `read` returns, or one that is `unusable`; with further counts of what was left out."""
+def attempted(name: str, read: Callable[[], Clip]) -> Clip:
+    """Return the clip that `read` returns, or one that is `unusable`."""
     try:
-        clip = read()
+        return read()
     except InvalidInput as error:
-        clip = unusable(name, error)
-    return replace(clip, left_out={**clip.left_out, **(left_out or {})})
+        return unusable(name, error)
 
 
 def merged(parts: Sequence[Clip]) -> Clip:
@@ -210,8 +181,9 @@ def merged(parts: Sequence[Clip]) -> Clip:
 
     Pedestrians of two tables are two road users, whatever their numbers.
     """
-    pedestrians: list[Track] = []
+    pedestrians, checks = list[Track](), Checks()
     for part in parts:
+        checks.add(part.road_users)
         own, taken = ({track.number for track in tracks} for tracks in (part.pedestrians, pedestrians))
         more = 1 + max(taken) - min(own) if own & taken else 0
         pedestrians += [replace(t, number=t.number + more, name=t.name or str(t.number)) for t in part.pedestrians]
@@ -220,7 +192,7 @@ def merged(parts: Sequence[Clip]) -> Clip:
         vehicles=[track for part in parts for track in part.vehicles],
         pedestrians=pedestrians,
         left_out=sum((Counter(part.left_out) for part in parts), Counter()),
-        road_users=reduce(added, (part.road_users for part in parts)),
+        road_users=checks,
         assumed=tuple(dict.fromkeys(text for part in parts for text in part.assumed)),
     )
 
@@ -272,17 +244,30 @@ def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.Dat
             data = data.decode("utf-16").encode()
         if what := foreign(data):
             raise InvalidInput(f"{path}: expected CSV, got {what}")
-        require_short_line(data, path)
-        first = data.partition(b"\n")[0].decode("utf-8-sig")
+        line = data.partition(b"\n")[0]
+        if len(line) > LONGEST_LINE:  # it is no table, or has no line breaks
+            raise InvalidInput(
+                f"{path}: its first line has {len(line) / 1e6:,.2g} MB; expected a line of columns, of at most "
+                f"{LONGEST_LINE // 1024} kB, and one row a frame and road user below it"
+            )
+        first = line.decode("utf-8-sig")
         delimiter = next((each for each in (delimiter, ";", "\t") if each in first), delimiter)
-        _refuse_comments(data, delimiter, path)
+        mark, lines = delimiter.encode(), data.removeprefix(codecs.BOM_UTF8)[: 2 * LONGEST_LINE].split(b"\n")[:-1]
+        count = next((n for n, line in enumerate(lines) if not line.startswith((b"#", b"%", b"//"))), 0)
+        if count and (count > 1 or lines[0].count(mark) != lines[1].count(mark)):
+            raise InvalidInput(
+                f"{path}: begins with comments ({shown(lines[0].decode(errors='replace').strip())}); expected the "
+                f"names of columns in line 1: remove the first {count} lines"
+            )
         table = pl.read_csv(data, infer_schema=False, separator=delimiter, has_header=header)
         table.columns = [name.strip() if header else str(i + 1) for i, name in enumerate(table.columns)]
     except (pl.exceptions.PolarsError, OSError, UnicodeError) as error:
-        words = _longer_line(data, delimiter) if isinstance(error, pl.exceptions.PolarsError) else ""
-        raise InvalidInput(
-            f"{path}: not readable as CSV: {words or reason(error)}; take the file as published"
-        ) from error
+        words = reason(error)
+        if isinstance(error, pl.exceptions.PolarsError) and b'"' not in data:  # quotes hide delimiters
+            counts = [line.count(delimiter.encode()) + 1 for line in data.split(b"\n")]
+            if long := next((number for number, count in enumerate(counts) if count > counts[0]), 0):
+                words = f"line {long + 1} has {counts[long]} values, line 1 has {counts[0]}"
+        raise InvalidInput(f"{path}: not readable as CSV: {words}; take the file as published") from error
     if table.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
     text = pl.all().str.strip_chars()
@@ -291,43 +276,19 @@ def read_csv(path: Path, delimiter: str = ",", *, header: bool = True) -> pl.Dat
     return table.with_columns(text.str.replace(WHOLE, "${1}"))
 
 
+def hypot(x: str | pl.Expr, y: str | pl.Expr) -> pl.Expr:
+    """Return the length of a vector."""
+    x, y = (pl.col(each) if isinstance(each, str) else each for each in (x, y))
+    return (x**2 + y**2).sqrt()
+
+
 def alike(values: pl.Series) -> pl.Series:
     """Return values as text in which equal numbers are equal, however written: 2, 2.0, 2.000e+00."""
     text = values.cast(pl.String).str.strip_chars()
-    own = pl.DataFrame({"text": text, "number": text.cast(pl.Float64, strict=False)})
-    number, finite = pl.col("number"), pl.col("number").is_finite()
-    whole = pl.when(finite & (number == number.round()) & (number.abs() < LARGEST)).then(number)
-    written = whole.cast(pl.Int64, strict=False).cast(pl.String), pl.when(finite).then(number).cast(pl.String)
-    return own.select(pl.coalesce(*written, "text")).to_series()
-
-
-def _refuse_comments(data: bytes, delimiter: str, path: Path) -> None:
-    """Refuse a file that begins with comments: lines after # or % that have other columns than the rest."""
-    lines = data[: 2 * LONGEST_LINE].removeprefix(codecs.BOM_UTF8).split(b"\n")[:-1]
-    count = next((n for n, line in enumerate(lines) if not line.startswith((b"#", b"%", b"//"))), 0)
-    mark = delimiter.encode()
-    if count and (count > 1 or lines[0].count(mark) != lines[1].count(mark)):
-        raise InvalidInput(
-            f"{path}: begins with comments ({shown(lines[0].decode(errors='replace').strip())}); expected the names of "
-            f"columns in line 1: remove the first {count} lines"
-        )
-
-
-def _longer_line(data: bytes, delimiter: str) -> str:
-    """Return which line has more values than the first one; "" if none has, or if quotes hide delimiters."""
-    counts = [line.count(delimiter.encode()) + 1 for line in data.split(b"\n")]
-    long = next((number for number, count in enumerate(counts) if count > counts[0]), 0)
-    return f"line {long + 1} has {counts[long]} values, line 1 has {counts[0]}" if long and b'"' not in data else ""
-
-
-def require_short_line(data: bytes, path: Path) -> None:
-    """Refuse a file whose first line has more than `LONGEST_LINE` bytes: it is no table, or has no line breaks."""
-    end = data.find(b"\n")
-    if (length := end if end >= 0 else len(data)) > LONGEST_LINE:
-        raise InvalidInput(
-            f"{path}: its first line has {length / 1e6:,.2g} MB; expected a line of columns, of at most "
-            f"{LONGEST_LINE // 1024} kB, and one row a frame and road user below it"
-        )
+    number = pl.lit(text.cast(pl.Float64, strict=False))
+    number = pl.when(number.is_finite()).then(number)
+    whole = pl.when((number == number.round()) & (number.abs() < LARGEST)).then(number).cast(pl.Int64, strict=False)
+    return pl.select(pl.coalesce(whole.cast(pl.String), number.cast(pl.String), pl.lit(text))).to_series()
 
 
 def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:
