@@ -9,8 +9,8 @@ PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
 ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
-	extras/formats/test_carla_map.py extras/formats/test_mp4.py extras/paper extras/exam_extra extras/drive/test_person_exam.py \
-	examples/test_trained_policy.py examples/test_cluster_files.py runs/test_cluster.py extending/test_network.py test_site.py test_without_extras.py)
+	extras/formats/test_carla_map.py extras/formats/test_mp4.py extras/paper extras/exam_extra extras/drive/test_person_exam.py extras/cluster \
+	examples/test_trained_policy.py examples/test_cluster_files.py extending/test_network.py test_site.py test_without_extras.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
 COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(PYTEST) -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.

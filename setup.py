@@ -170,6 +170,7 @@ BRANCHES = {
         "transformer_ddpg = vpsci_ros.extras.paper.models:TRANSFORMER_DDPG",
     ],
     "vpsci_ros.objectives": ["single_agent_ddpg = vpsci_ros.extras.paper.models:SINGLE_AGENT_DDPG"],
+    "vpsci_ros.clusters": ["dask = vpsci_ros.extras.cluster.cluster:DaskCluster"],
     "vpsci_ros.engines": ["carla = vpsci_ros.extras.carla.world:CARLA"],
     "vpsci_ros.importers": [
         "argoverse2 = vpsci_ros.extras.formats.track_tables:ARGOVERSE2",

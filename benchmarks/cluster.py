@@ -20,7 +20,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 
-from vpsci_ros.runs.cluster import DaskCluster
+from vpsci_ros.extras.cluster.cluster import DaskCluster
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.workers import Place, Work, computed
 

@@ -102,7 +102,8 @@ def test_the_trunk_works_without_torch_and_branches_and_names_the_extra_of_what_
     own = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "AMENT_PREFIX_PATH")
     environment = {name: value for name, value in os.environ.items() if name not in own}
     environment |= {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(compiled_for(copy))}
-    command = [python, "-c", RUN, json.dumps([*NEED_LEARN, *WORKS, ["drive", "-o", "drive"]])]
+    far = ["generate", "--params", "stage3_generate", "-o", "far", "--cluster", "tcp://127.0.0.1:1"]
+    command = [python, "-c", RUN, json.dumps([*NEED_LEARN, *WORKS, ["drive", "-o", "drive"], far])]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=580)
     assert done.returncode == 0, done.stderr
     loaded, where, results = json.loads(done.stdout.splitlines()[-1])
@@ -113,7 +114,8 @@ def test_the_trunk_works_without_torch_and_branches_and_names_the_extra_of_what_
         assert " is not installed: pip install 'torch" in text, (arguments, text)
         assert len(text.splitlines()) == 1, (arguments, text)
     assert not (folder / "out").exists()
-    assert [status for status, _ in results[len(NEED_LEARN) :]] == [0] * len(WORKS) + [2], results
+    assert [status for status, _ in results[len(NEED_LEARN) :]] == [0] * len(WORKS) + [2, 2], results
+    assert "--cluster tcp://127.0.0.1:1: this vpsci_ros lacks extras/cluster; install it again" in results[-1][1]
     assert (folder / "page.html").stat().st_size > 10_000
 
 

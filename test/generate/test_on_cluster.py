@@ -4,12 +4,12 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from dask_cluster import local_cluster
+from extras.cluster.dask_cluster import local_cluster
 from generate.small import TARGETS, UNIT
 
 from vpsci_ros.generate.generate_dataset import generate, part_writers
 
-cluster = pytest.importorskip("vpsci_ros.runs.cluster")
+cluster = pytest.importorskip("vpsci_ros.extras.cluster.cluster")
 pytest.importorskip("distributed")
 
 

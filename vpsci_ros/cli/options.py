@@ -90,7 +90,7 @@ def site_of(workers: int | None, cluster: str | None, mixed_cpus: bool, *, defau
     :param default: processes of this machine if nothing is said.
     :raises InvalidInput: they contradict each other.
     """
-    from vpsci_ros.runs.workers import ThisMachine
+    from vpsci_ros.runs.workers import ThisMachine, cluster_at
 
     if not cluster:
         if mixed_cpus:
@@ -101,9 +101,7 @@ def site_of(workers: int | None, cluster: str | None, mixed_cpus: bool, *, defau
             f"--workers {workers} counts processes of this machine, and --cluster {cluster} has workers of its own; "
             "give one of them"
         )
-    from vpsci_ros.runs.cluster import DaskCluster
-
-    return DaskCluster(cluster, mixed_cpus)
+    return cluster_at(cluster, mixed_cpus)
 
 
 def writes_folder(command: Callable[P, None]) -> Callable[P, None]:

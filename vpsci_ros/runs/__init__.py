@@ -11,9 +11,7 @@ In reading order:
 * `files`: atomic file writes, empty output folders, and the hash of a file
 * `provenance`: the environment of a result: versions of software, and the CPU model
 * `plugins`: additions of other Python packages to this one, found by entry points
-* `workers`: workers that compute units of work: this process, processes of this machine, or a cluster (`runs.cluster`)
-* `cluster`: work on a Dask cluster: units go to the cluster's workers
-* `cluster_worker`: the host's side of work on a Dask cluster: tasks of Dask
+* `workers`: workers that compute units of work: this process, processes of this machine, or a cluster
 * `processes`: child processes: each with a log and a session of its own, watched, and stopped by signals
 * `stop_request`: a stop request set by signals: a plain flag, since handlers may interrupt each other
 * `progress`: progress of a run on standard error

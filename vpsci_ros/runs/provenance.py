@@ -1,7 +1,6 @@
 """The environment of a result: versions of software, and the CPU model."""
 
 import contextlib
-import hashlib
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -28,19 +27,3 @@ def cpu_name() -> str:
             if name.strip() == "model name":
                 return value.strip()
     return platform.processor() or platform.machine()
-
-
-def package_digest() -> str:
-    """Return a SHA-256 of all files of this package: sources, weights and recordings."""
-    root, digest = Path(__file__).resolve().parents[1], hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
-            digest.update(f"{path.relative_to(root)}\0".encode() + hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
-
-
-def kernel_target() -> list[str]:
-    """Return what numba compiles kernels for: machine, CPU and its features, which decide about their last bits."""
-    from numba.core.registry import cpu_target
-
-    return [str(text) for text in cpu_target.target_context.codegen().magic_tuple()]

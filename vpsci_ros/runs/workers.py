@@ -1,4 +1,4 @@
-"""Workers that compute units of work: this process, processes of this machine, or a cluster (`runs.cluster`).
+"""Workers that compute units of work: this process, processes of this machine, or a cluster (`extras.cluster`).
 
 A worker gets the job once, then units, and returns the result of each. A worker that dies is replaced.
 """
@@ -18,7 +18,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.runs.plugins import PluginGroup
 
 _MOST_DEATHS = 3  # in a row without a unit done
 _GRACE = 60.0  # [s] that a worker has to stop in order, if it takes SIGTERM at all
@@ -253,6 +254,22 @@ class ThisMachine:
 
 HERE = ThisMachine()
 """This process alone."""
+CLUSTERS: PluginGroup[Any] = PluginGroup("vpsci_ros.clusters", "kind of cluster", type, {})
+"""Name -> the class of its `Site`; `extras.cluster` adds "dask"."""
+
+
+def cluster_at(address: str, mixed_cpus: bool) -> Site:
+    """Return the Dask cluster whose scheduler is at an address.
+
+    :raises InvalidInput: it is no address, or the folder or the library that works on clusters is not there.
+    :raises VpsciError: no scheduler answers.
+    """
+    if "dask" not in CLUSTERS.names():
+        raise InvalidInput(
+            f"--cluster {address}: this vpsci_ros lacks extras/cluster; install it again, whole, or use --workers"
+        )
+    site: Site = CLUSTERS.find("dask")(address, mixed_cpus)
+    return site
 
 
 def mixed(site: Site) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from vpsci_ros.runs.processes import ChildProcess, stop
 
 WORKER = ("--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
+COMPUTES = "vpsci_ros.extras.cluster.cluster_worker"  # the module that such a process runs
 PATIENCE = 60.0  # [s]
 
 
@@ -81,7 +82,7 @@ class LocalCluster:
         for path in Path("/proc").glob("[0-9]*/cmdline"):
             with contextlib.suppress(OSError):
                 words = path.read_bytes().decode(errors="replace").split("\0")
-                if "vpsci_ros.runs.cluster_worker" in words and any(str(self._folder) in word for word in words):
+                if COMPUTES in words and any(str(self._folder) in word for word in words):
                     found.append(path.parent.name)
         return found
 

@@ -8,6 +8,7 @@ the command, stopped or killed, does not want them any more.
 import asyncio
 import contextlib
 import errno
+import hashlib
 import os
 import pickle
 import shutil
@@ -25,10 +26,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import vpsci_ros
 from vpsci_ros.errors import REMEDIES, VpsciError, in_words
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.provenance import cpu_name, kernel_target, package_digest, software_versions
+from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.runs.record import RUN_RECORD
 from vpsci_ros.runs.workers import Place
 
@@ -66,8 +68,24 @@ class Order(NamedTuple):
 
 def facts(*, mixed_cpus: bool) -> dict[str, Any]:
     """Return all that results depend on besides the job: software, this package's files, and the CPU unless mixed."""
-    own = {"software": software_versions(), "package_sha256": package_digest(), "plugins": _plugins()}
-    return own if mixed_cpus else own | {"cpu": cpu_name(), "kernels": kernel_target()}
+    own = {"software": software_versions(), "package_sha256": _package_digest(), "plugins": _plugins()}
+    return own if mixed_cpus else own | {"cpu": cpu_name(), "kernels": _kernel_target()}
+
+
+def _package_digest() -> str:
+    """Return a SHA-256 of all files of this package: sources, weights and recordings."""
+    root, digest = Path(vpsci_ros.__file__).resolve().parent, hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            digest.update(f"{path.relative_to(root)}\0".encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _kernel_target() -> list[str]:
+    """Return what numba compiles kernels for: machine, CPU and its features, which decide about their last bits."""
+    from numba.core.registry import cpu_target
+
+    return [str(text) for text in cpu_target.target_context.codegen().magic_tuple()]
 
 
 def _plugins() -> list[str]:

@@ -22,16 +22,16 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from dask_cluster import LocalCluster, local_cluster, until
+from extras.cluster.dask_cluster import LocalCluster, local_cluster, until
 
 pytest.importorskip("distributed")
 import cloudpickle
 from distributed import Client, KilledWorker
 
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.runs import cluster
-from vpsci_ros.runs.cluster import ClusterWorkers, DaskCluster
-from vpsci_ros.runs.cluster_worker import compute
+from vpsci_ros.extras.cluster import cluster
+from vpsci_ros.extras.cluster.cluster import ClusterWorkers, DaskCluster
+from vpsci_ros.extras.cluster.cluster_worker import compute
 from vpsci_ros.runs.workers import Place, Work, Workers, computed
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
@@ -102,7 +102,7 @@ def client(cluster: LocalCluster, signs: Path, seconds: float, options: str = ""
     """Return a program that starts workers of `squares`, as another process does."""
     return f"""
 import sys
-sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parents[1])]}
+sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parents[2])]}
 from pathlib import Path
 from types import SimpleNamespace
 import test_cluster

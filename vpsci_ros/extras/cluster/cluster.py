@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic
 
 from vpsci_ros.errors import InvalidInput, VpsciError, require
-from vpsci_ros.runs.cluster_worker import Order, UnitDied, compute, enlist, facts
+from vpsci_ros.extras.cluster.cluster_worker import Order, UnitDied, compute, enlist, facts
 from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.runs.workers import Result, Unit, Work, Workers
 
