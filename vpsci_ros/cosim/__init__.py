@@ -8,10 +8,10 @@ In reading order:
 
 * `pedestrian`: the default pedestrian as one object for your own simulation engine
 * `driver`: the default driver as one object for your own simulation engine
-* `agent`: the base of `Pedestrian` and `Driver`: a world of one episode
+* `agent`: what both share: a world of one episode
 * `inputs`: the inputs of one step: checked states of all road users, completed from the previous step
 * `way_round`: the way on foot round vehicles that stand: the shortest way past their corners
-* `routes`: the scenario of a `Pedestrian` or `Driver`: one of this package, or one made from a route in your map
+* `routes`: the scenario of a `Pedestrian` or `Driver` that is made from a route in your map
 """
 
 from vpsci_ros.cosim.agent import Person

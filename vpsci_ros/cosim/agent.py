@@ -1,31 +1,38 @@
-"""The base of `Pedestrian` and `Driver`: a world of one episode, whose state your engine overwrites between ticks."""
+"""What `Pedestrian` and `Driver` share: a world of one episode, whose state your engine overwrites between ticks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path as File
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.cosim.inputs import Vehicle, Walker
+from vpsci_ros.cosim.inputs import State, Vehicle, Walker
+from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_config import PolicyConfig
-from vpsci_ros.policy.policy_file import Policy, load_policy
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.safety import CRITICAL_TTC, curvttc
-from vpsci_ros.world import RUNNING, World, WorldConfig
+from vpsci_ros.world import EPISODE, RUNNING, Scenario, World, WorldConfig, load_scenario
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.observation import to_heading_frame
-from vpsci_ros.world.paths import Path, nearest, project
-from vpsci_ros.world.scenario import Scenario
+from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
 
 AWAY = 1e5  # [m] from the vehicle, the place of a pedestrian that does not exist
 NEAR = 2.0  # [m] an agent that moved less is searched near its last place on its way
+_KINDS: dict[str, tuple[type, ...]] = {
+    **dict.fromkeys(("seed", "episode", "number"), (int, np.integer)),
+    "scenario": (int, str, File, Scenario, type(None)),
+    "speed": (float, int, np.number, type(None)),
+    "config": (WorldConfig, type(None)),
+    "policy": (PolicyConfig, type(None)),
+}  # of an agent's constructor
 
 
 class Person(NamedTuple):
@@ -45,111 +52,145 @@ class Person(NamedTuple):
     beyond: bool | None = None
 
 
-class Body:
+class Agent(Generic[State]):
     """One episode with a row for each of at most `MOST` pedestrians; your engine places all road users.
 
-    :param agent: "vehicle" or "pedestrian": the agent that the policy moves.
-    :param number: of the pedestrian within its episode; its row.
-    :ivar parked: parked vehicles of the scenario, float64[K, 5].
-    :raises InvalidInput: the episode has no such pedestrian, or as `World`, `load_policy` and the configurations.
+    Your engine's steps may be shorter or longer than ticks; the agent decides every tick. For a tick that begins within
+    a step, all others keep their motion since the beginning of that step.
     """
 
-    def __init__(
-        self,
-        agent: str,
-        weights: str | File | Policy,
-        scenario: Scenario,
-        seed: int,
-        episode: int,
-        number: int,
-        config: WorldConfig,
-        policy: PolicyConfig | None,
-    ) -> None:
+    _what: str  # "vehicle" or "pedestrian"
+    _kind: Any  # `State`
+    _ways: tuple[str, ...]  # arguments of the constructor of which one says where it goes
+    _speeds: tuple[float, float, str]  # least, greatest [m/s], in words
+    _paced: tuple[str, str]  # fields of the state: its pace, and that it sets off as recorded
+
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        """Check the arguments of the constructor; `_make` follows at once where `scenario` is given."""
+        who, scenario, self._speed = type(self).__name__, given["scenario"], given["speed"]
+        require_form(given, {name: kinds for name, kinds in _KINDS.items() if name in given}, who)
+        if len(named := [name for name in self._ways if given[name] is not None]) != 1:
+            ways = f"{', '.join(self._ways[:-1])} and {self._ways[-1]}"
+            raise InvalidInput(f"{who}: expected one of {ways}, got {named or 'none of them'}")
+        low, high, words = self._speeds
+        if self._speed is not None and not low <= self._speed <= high:
+            raise InvalidInput(f"speed = {self._speed!r}: expected {words}")
+        drives, walks = ("policy", "external") if self._what == "vehicle" else ("external", "policy")
+        self._config = replace(given["config"] or WorldConfig(), vehicle_driver=drives, pedestrian_driver=walks)
+        self._drawn = given["weights"], given["seed"], given["episode"], given["policy"]
+        self._number, self._tick_time, self._left = given.get("number", 0), round(self._config.tick * 1e9), 0  # [ns]
+        self._state = np.zeros(0, EPISODE)
+        if scenario is not None:
+            self._make(scenario if isinstance(scenario, Scenario) else load_scenario(scenario))
+
+    def _make(self, scenario: Scenario, **values: float) -> None:
+        """Begin the episode, with these values of fields of the state in all rows.
+
+        :raises InvalidInput: it has no such pedestrian, or as `World`, `load_policy` and the configurations.
+        """
+        weights, seed, episode, policy = self._drawn
         own = load_policy(weights) if isinstance(weights, (str, File)) else weights
         compile_kernels(own)
-        self.parked = scenario.parked
-        drives, walks = ("policy", "external") if agent == "vehicle" else ("external", "policy")
-        config = replace(config, vehicle_driver=drives, pedestrian_driver=walks)
+        config, number = self._config, self._number
         spawned = World(config, [scenario], [(scenario.number, episode)], 1, seed).state
         if not 0 <= number < len(spawned) or spawned["status"][number] != RUNNING:
             most = int(spawned["pedestrians"][0])
             raise InvalidInput(f"number = {number}: episode {episode} of seed {seed} has pedestrians 0 to {most - 1}")
-        self.world = World(replace(config, pedestrians=MOST), [scenario], [], 1, seed)
-        self.world.place([0], [(scenario.number, episode)])
-        self.state, self.tables = self.world.state, tables_from([scenario], config.spawn)
-        self.state[:] = spawned[number]
-        self.state[: len(spawned)] = spawned
-        self.state["pedestrian"] = np.arange(MOST)
-        self.agent = policies(own, self.world, None if policy is None else {agent: policy})[agent]
-        if self.agent.keeps_lane:
-            self.world.keep_lane()
-        self._number, self._agent = number, agent
+        self._world = World(replace(config, pedestrians=MOST), [scenario], [], 1, seed)
+        self._world.place([0], [(scenario.number, episode)])
+        self._state, self._tables = self._world.state, tables_from([scenario], config.spawn)
+        self._state[:] = spawned[number]
+        self._state[: len(spawned)] = spawned
+        self._state["pedestrian"] = np.arange(MOST)
+        self._policy = policies(own, self._world, None if policy is None else {self._what: policy})[self._what]
+        if self._policy.keeps_lane:
+            self._world.keep_lane()
+        self._parked = scenario.parked
+        self._unit = scenario.vehicle.full_throttle_speed if self._what == "vehicle" else 1.0  # [m/s] of its pace
+        if self._speed is not None:
+            values |= dict(zip(self._paced, (self._speed / self._unit, 0), strict=True))
+        for name, value in values.items():
+            self._state[name] = value
 
     @property
-    def record(self) -> np.void:
-        """The agent's EPISODE record, a view into `state`; made at each access, as a copied body has its own state."""
-        record: np.void = self.state[self._number]
+    def _record(self) -> np.void:
+        """The agent's EPISODE record, a view into `_state`; made at each access, as a copy has a state of its own."""
+        if not len(self._state):
+            raise InvalidInput("this pedestrian walks to a goal from where it is: call step first")
+        record: np.void = self._state[self._number]
         return record
 
     @property
-    def walk(self) -> Path:
-        """The pedestrian's route, in its own direction."""
-        path = self.world.scenarios[0].pedestrian.path
-        return path if self.record["table"] == 0 else replace(path, points=path.points[::-1])
+    def start(self) -> State:
+        """Its state, as in `step`: before the first step at the spawn, later at the end of the last tick begun.
 
-    def person(self, speed: float) -> Person:
-        """Return what was drawn for this agent, see `Person`, with `speed` [m/s] as given.
-
-        Before the hand-over, `recorded` is -1 and `beyond` None.
+        :raises InvalidInput: before the first step of a pedestrian with a `goal`.
         """
-        record = self.record
-        kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
-        return Person(kind, speed, delay, self.agent.recorded(self._number), self.agent.beyond(self._number))
+        record = self._record
+        found: State = self._kind(*(float(record[f"{self._what}_{name}"]) for name in self._kind._fields[:6]))
+        return found
 
-    def begin(self, **values: float) -> None:
-        """Overwrite the given fields of the state in all rows."""
-        for name, value in values.items():
-            self.state[name] = value
+    @property
+    def person(self) -> Person:
+        """The drawn person; before the hand-over, `recorded` is -1 and `beyond` is None.
 
-    def put_vehicle(self, vehicle: Vehicle) -> None:
-        """Write a vehicle into all rows; its curvature and acceleration must not be None."""
-        for name in ("x", "y", "heading", "speed", "curvature", "acceleration"):
-            self.state[f"vehicle_{name}"] = getattr(vehicle, name)
+        :raises InvalidInput: before the first step of a pedestrian with a `goal`.
+        """
+        record, number = self._record, self._number
+        kind, pace = KINDS[int(record["kind"])], float(record[self._paced[0]]) * self._unit
+        delay = float(record["reaction_delay"])
+        return Person(kind, pace, delay, self._policy.recorded(number), self._policy.beyond(number))
 
-    def put_walkers(self, walkers: Sequence[Walker | None]) -> None:
-        """Write pedestrians into the rows, from the first row on; None leaves a row empty."""
+    def _moved(
+        self, now: State, period: int, tick: Callable[[State, float], None], partly: Callable[[State, float], State]
+    ) -> State:
+        """Return the agent's state after a step of `period` [ns].
+
+        :param tick: begins a tick of the world, with the agent's state and the time since the step began [s].
+        :param partly: returns the state after a part [s] of a tick.
+        """
+        gone = 0
+        while gone < period:
+            if self._left == 0:
+                tick(now, gone * 1e-9)
+                self._left = self._tick_time
+            part = min(self._left, period - gone)
+            now = self.start if part == self._tick_time else partly(now, part * 1e-9)
+            self._left, gone = self._left - part, gone + part
+        return now
+
+    def _put(self, vehicle: Vehicle | None, walkers: Sequence[Walker | None]) -> None:
+        """Write a vehicle, complete, into all rows, and pedestrians into the rows from the first on; None: nobody."""
+        for name in Vehicle._fields[:6] if vehicle else ():
+            self._state[f"vehicle_{name}"] = getattr(vehicle, name)
         for row, walker in enumerate(walkers):
-            there = Walker(self.record["vehicle_x"] + AWAY, AWAY) if walker is None else walker
+            there = Walker(self._record["vehicle_x"] + AWAY, AWAY) if walker is None else walker
             for name, value in there._asdict().items():
-                self.state[f"pedestrian_{name}"][row] = value
-        self.state["pedestrians"] = len(walkers)
+                self._state[f"pedestrian_{name}"][row] = value
+        self._state["pedestrians"] = len(walkers)
 
-    def locate(self, what: str, x: float, y: float) -> None:
-        """Set the arc length of "vehicle" or "pedestrian" on its path from its place (x, y) [m], unless unchanged.
+    def _locate(self, x: float, y: float) -> None:
+        """Set the agent's arc length on its path from its place (x, y) [m], unless unchanged.
 
         An agent that moved by `NEAR` or more no longer follows the recorded motion before its onset.
         """
-        record = self.record
+        record, what = self._record, self._what
         if (record[f"{what}_x"], record[f"{what}_y"]) == (x, y):
             return
-        name, points, side = {
-            "vehicle": ("route_s", self.tables.lane, "lane"),
-            "pedestrian": ("pedestrian_s", self.tables.walk, "walk"),
-        }[what]
-        row = self.tables.rows[record["table"]]
-        way = points, int(record["table"]), int(row[f"{side}_count"]), float(row[f"{side}_step"])
+        rows, table = slice(self._number, self._number + 1), int(record["table"])
+        name, points, side = "pedestrian_s", self._tables.walk, "walk"
+        if what == "vehicle":
+            rows, name, points, side = slice(None), "route_s", self._tables.lane, "lane"
+        row = self._tables.rows[table]
+        way = points, table, int(row[f"{side}_count"]), float(row[f"{side}_step"])
         if np.hypot(x - record[f"{what}_x"], y - record[f"{what}_y"]) < NEAR:
             place, _ = project(*way, x, y, float(record[name]))
         else:
             place = nearest(*way, x, y)
-            self.state["driver_onset" if what == "vehicle" else "walker_onset"] = 0  # no recorded way leads there
-        self.state[name][self.rows(what)] = place
+            self._state[self._paced[1]] = 0  # no recorded way leads there
+        self._state[name][rows] = place
 
-    def rows(self, what: str) -> slice:
-        """Return the rows of `state` with the agent: all rows for "vehicle", its own row for "pedestrian"."""
-        return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
-
-    def tick(
+    def _advance(
         self,
         ttc: NDArray[np.float64],
         distance: NDArray[np.float64],
@@ -161,45 +202,21 @@ class Body:
         :param ttc: float64[MOST] [s]; distance: float64[MOST] [m]; infinity and NaN in empty rows.
         :param push: acceleration of the pedestrian, east and north [m/s2], in place of the policy's.
         """
-        self.state["status"] = np.where(np.arange(MOST) < self.record["pedestrians"], RUNNING, 0)
-        self.world.resume(parked)
-        now, rows = self.world.now, len(self.state)
+        self._state["status"] = np.where(np.arange(MOST) < self._record["pedestrians"], RUNNING, 0)
+        self._world.resume(parked)
+        now, rows = self._world.now, len(self._state)
         assessment = now.assessed(ttc, distance, ttc < CRITICAL_TTC)
         actions = Actions(vehicle_control=np.zeros((rows, 3)), pedestrian=np.zeros((rows, 2)))
         if now.policy_frame.any():
-            action = self.agent.act(now, assessment).astype(np.float64)
+            action = self._policy.act(now, assessment).astype(np.float64)
             if push is not None:
-                action[self._number] = to_heading_frame(float(self.record["vehicle_heading"]), *push)
-            actions = replace(actions, **{self._agent: action})
-        self.world.advance(assessment, actions)
-
-    def seen(self, vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
-        """Return CurvTTC [s] and centre distance [m] of n pairs, float64[n]; a single agent is in all of them."""
-        cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
-        ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7])
-        return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)
+                action[self._number] = to_heading_frame(float(self._record["vehicle_heading"]), *push)
+            actions = replace(actions, **{self._what: action})
+        self._world.advance(assessment, actions)
 
 
-class Clock:
-    """Division of your engine's steps into ticks of the world; steps may be shorter or longer than ticks.
-
-    The agent decides every tick. For a tick that begins within a step, all others keep their motion since the
-    beginning of that step.
-    """
-
-    def __init__(self, tick: float) -> None:
-        self.tick = round(tick * 1e9)  # [ns]
-        self.left = 0  # [ns] of the present tick
-
-    def parts(self, period: int) -> list[tuple[bool, int, float]]:
-        """Return the parts of a step of `period` [ns]: (whether a tick begins, length [ns], begin in the step [s])."""
-        parts, gone = [], 0
-        while gone < period:
-            begins = self.left == 0
-            if begins:
-                self.left = self.tick
-            part = min(self.left, period - gone)
-            parts.append((begins, part, gone * 1e-9))
-            self.left -= part
-            gone += part
-        return parts
+def seen(vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
+    """Return CurvTTC [s] and centre distance [m] of n pairs, float64[n]; a single agent is in all of them."""
+    cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
+    ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7])
+    return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)

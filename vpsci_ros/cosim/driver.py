@@ -8,18 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.cosim.agent import Body, Clock, Person
-from vpsci_ros.cosim.inputs import (
-    Vehicle,
-    Walker,
-    checked,
-    checked_all,
-    checked_parked,
-    checked_period,
-    require_kinds,
-    walked_on,
-)
-from vpsci_ros.cosim.routes import named_scenario, scenario_of_lane
+from vpsci_ros.cosim import inputs
+from vpsci_ros.cosim.agent import Agent, seen
+from vpsci_ros.cosim.inputs import Vehicle, Walker, checked, checked_all
+from vpsci_ros.cosim.routes import scenario_along
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy
@@ -58,7 +50,7 @@ class Drive(NamedTuple):
     arrived: bool
 
 
-class Driver:
+class Driver(Agent[Vehicle]):
     """One default driver of a Tesla Model 3 in its lane; give exactly one of `scenario` and `lane`.
 
     The autopilot drives until CurvTTC of a visible pedestrian falls below 5 s. Then the policy sets the speed,
@@ -74,6 +66,9 @@ class Driver:
     :raises InvalidInput: not exactly one of scenario and lane, or a refused value.
     """
 
+    _what, _kind, _ways, _paced = "vehicle", Vehicle, ("scenario", "lane"), ("cruise_throttle", "driver_onset")
+    _speeds = LEAST_CAR, GREATEST_CAR, f"{LEAST_CAR:g} to {GREATEST_CAR:g} m/s, as recorded drivers turn right"
+
     def __init__(
         self,
         weights: str | Path | Policy = "people",
@@ -86,37 +81,10 @@ class Driver:
         config: WorldConfig | None = None,
         policy: PolicyConfig | None = None,
     ) -> None:
-        require_kinds("Driver", locals())
-        if speed is not None and not LEAST_CAR <= speed <= GREATEST_CAR:
-            raise InvalidInput(
-                f"speed = {speed!r}: expected {LEAST_CAR:g} to {GREATEST_CAR:g} m/s, as recorded drivers turn right"
-            )
-        config = config or WorldConfig()
-        if scenario is not None and lane is None:
-            found = named_scenario(scenario)
-        elif lane is not None and scenario is None:
-            found = scenario_of_lane(lane)
-        else:
-            raise InvalidInput("Driver: expected one of scenario and lane")
-        self._body = Body("vehicle", weights, found, seed, episode, 0, config, policy)
-        self._full = found.vehicle.full_throttle_speed
-        if scenario is None:
-            self._body.begin(meeting_s=math.inf, driver_onset=0)  # it keeps its pace, wherever it may meet somebody
-        if speed is not None:
-            self._body.begin(cruise_throttle=speed / self._full, driver_onset=0)
-        self._clock = Clock(config.tick)
+        super().__init__(locals())
+        if lane is not None:  # it keeps its pace, wherever it may meet somebody
+            self._make(scenario_along(lane, "lane"), meeting_s=math.inf, driver_onset=0)
         self._keys: list[Hashable | None] = [None] * MOST  # who is in which row
-
-    @property
-    def start(self) -> Vehicle:
-        """The vehicle's state: before the first step at the spawn, later at the end of the last tick begun."""
-        names = ("x", "y", "heading", "speed", "curvature", "acceleration")
-        return Vehicle(*(float(self._body.record[f"vehicle_{name}"]) for name in names))
-
-    @property
-    def person(self) -> Person:
-        """The drawn person; before the hand-over, `recorded` is -1 and `beyond` is None."""
-        return self._body.person(float(self._body.record["cruise_throttle"]) * self._full)
 
     def step(
         self,
@@ -139,43 +107,31 @@ class Driver:
         if own.speed < 0.0:
             raise InvalidInput(f"own: speed = {own.speed:g} m/s: expected 0 or more, for this driver does not reverse")
         walkers = checked_all("pedestrian", pedestrians, Walker)
-        boxes, duration = checked_parked(parked), checked_period(period)
-        body, record = self._body, self._body.record
-        boxes = body.parked if boxes is None else boxes
-        now = own._replace(
-            curvature=float(record["vehicle_curvature"]) if own.curvature is None else own.curvature,
-            acceleration=float(record["vehicle_acceleration"]) if own.acceleration is None else own.acceleration,
-        )
+        boxes, duration = inputs.checked_parked(parked), inputs.checked_period(period)
+        boxes, record = self._parked if boxes is None else boxes, self._record
+        unsaid = [name for name in ("curvature", "acceleration") if getattr(own, name) is None]
+        began = own._replace(**{name: float(record[f"vehicle_{name}"]) for name in unsaid})
         self._seat(own, walkers)
-        ttc, _ = self._look(now, walkers)
+        ttc, _ = self._look(began, walkers)
         row = int(ttc.argmin())
-        for begins, part, gone in self._clock.parts(duration):
-            if begins:
-                self._tick(now, dict(zip(walkers, walked_on(walkers.values(), gone), strict=True)), boxes)
-            if part == self._clock.tick:
-                now = self.start
-            else:
-                controls = (float(record[name]) for name in ("steer", "throttle", "brake"))
-                x, y, heading, speed, _ = drive(now.x, now.y, now.heading, now.speed, *controls, part * 1e-9)
-                now = now._replace(x=x, y=y, heading=heading, speed=speed)
-        curvature, steer, throttle, brake = (
-            float(record[name]) for name in ("vehicle_curvature", "steer", "throttle", "brake")
-        )
-        return Drive(
-            x=now.x,
-            y=now.y,
-            heading=now.heading,
-            speed=now.speed,
-            acceleration=(now.speed - own.speed) / period,
-            curvature=curvature,
-            steer=steer,
-            throttle=throttle,
-            brake=brake,
-            curvttc=float(ttc[row]),
-            faces=self._keys[row] if walkers else None,
-            controlled=bool(body.state["controlled"].any()),
-            arrived=bool(record["vehicle_goal"]),
-        )
+
+        def tick(now: Vehicle, gone: float) -> None:
+            later = dict(zip(walkers, inputs.walked_on(walkers.values(), gone), strict=True))
+            self._locate(now.x, now.y)
+            last = max((row for row, key in enumerate(self._keys) if key is not None), default=0)
+            self._put(now, [None if key is None else later[key] for key in self._keys[: last + 1]])
+            self._advance(*self._look(now, later), boxes)
+
+        def partly(now: Vehicle, time: float) -> Vehicle:
+            controls = (float(record[name]) for name in ("steer", "throttle", "brake"))
+            x, y, heading, speed, _ = drive(*now[:4], *controls, time)
+            return now._replace(x=x, y=y, heading=heading, speed=speed)
+
+        now = self._moved(began, duration, tick, partly)
+        names = ("vehicle_curvature", "steer", "throttle", "brake")
+        faces, controlled = self._keys[row] if walkers else None, bool(self._state["controlled"].any())
+        motion = (*now[:4], (now.speed - own.speed) / period, *(float(record[name]) for name in names))
+        return Drive._make((*motion, float(ttc[row]), faces, controlled, bool(record["vehicle_goal"])))
 
     def _seat(self, own: Vehicle, walkers: dict[Hashable, Walker]) -> None:
         """Give each of the nearest pedestrians a row, which it keeps while it is among them."""
@@ -183,7 +139,7 @@ class Driver:
         for row, key in enumerate(self._keys):
             if key is not None and key not in nearest:
                 self._keys[row] = None
-                self._body.state["hold"][row] = 0
+                self._state["hold"][row] = 0
         for key in walkers:
             if key in nearest and key not in self._keys:
                 self._keys[self._keys.index(None)] = key
@@ -193,14 +149,5 @@ class Driver:
         ttc, distance = np.full(MOST, np.inf), np.full(MOST, np.nan)
         rows = [row for row, key in enumerate(self._keys) if key is not None]
         if rows:
-            ttc[rows], distance[rows] = self._body.seen([own], [walkers[self._keys[row]] for row in rows])
+            ttc[rows], distance[rows] = seen([own], [walkers[self._keys[row]] for row in rows])
         return ttc, distance
-
-    def _tick(self, own: Vehicle, walkers: dict[Hashable, Walker], parked: NDArray[np.float64]) -> None:
-        body = self._body
-        ttc, distance = self._look(own, walkers)
-        body.locate("vehicle", own.x, own.y)
-        body.put_vehicle(own)
-        last = max((row for row, key in enumerate(self._keys) if key is not None), default=0)
-        body.put_walkers([None if key is None else walkers[key] for key in self._keys[: last + 1]])
-        body.tick(ttc, distance, parked)

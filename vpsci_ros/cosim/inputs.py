@@ -6,39 +6,21 @@ Positions are metres in a right-handed frame, x east and y north; angles are rad
 
 import math
 from collections.abc import Hashable, Iterable, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.documents import require_form, shown
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.safety.inputs import as_floats
 from vpsci_ros.safety.line_of_sight import BOX, as_boxes
-from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.kinematics import SHARPEST_TURN, drive, steer_to
 
 LONGEST_PERIOD = 2.0  # [s]
 LEAST_PERIOD = 1e-3  # [s]
 GREATEST = 2e7  # [m, m/s, ...] of any number: no place on earth has greater metric coordinates
-_KINDS: dict[str, tuple[type, ...]] = {
-    **dict.fromkeys(("seed", "episode", "number"), (int, np.integer)),
-    "scenario": (int, str, Path, Scenario, type(None)),
-    "speed": (float, int, np.number, type(None)),
-    "config": (WorldConfig, type(None)),
-    "policy": (PolicyConfig, type(None)),
-}  # of an agent's constructor
-
-
-def require_kinds(who: str, given: Mapping[str, Any]) -> None:
-    """Refuse an argument of a wrong type to the constructor of `Pedestrian` or `Driver`.
-
-    :raises InvalidInput: an argument of a wrong type; the message names the first one.
-    """
-    require_form(given, {name: kinds for name, kinds in _KINDS.items() if name in given}, who)
 
 
 class Vehicle(NamedTuple):
@@ -72,10 +54,10 @@ class Walker(NamedTuple):
     vy: float = 0.0
 
 
-Agent = TypeVar("Agent", Vehicle, Walker)
+State = TypeVar("State", Vehicle, Walker)
 
 
-def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
+def checked(who: str, given: Any, kind: type[State]) -> State:
     """Check a `Vehicle` or `Walker`, and return it with its numbers as floats; `who` opens messages.
 
     :raises InvalidInput: another type, a number that is not finite or beyond `GREATEST`, or a size that is not above 0.
@@ -99,7 +81,7 @@ def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
     return kind(*values)
 
 
-def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agent]:
+def checked_all(what: str, given: Any, kind: type[State]) -> dict[Hashable, State]:
     """Check vehicles or pedestrians by key, and return them with their numbers as floats.
 
     :raises InvalidInput: not a mapping, or as `checked`.
@@ -138,43 +120,33 @@ def checked_period(period: Any) -> int:
     return round(period * 1e9)
 
 
-class Tracks:
-    """The vehicles of the previous step, from which missing curvatures and accelerations are computed."""
-
-    def __init__(self) -> None:
-        self._last: dict[Hashable, Vehicle] = {}
-
-    def completed(self, vehicles: dict[Hashable, Vehicle], since: float) -> dict[Hashable, Vehicle]:
-        """Return vehicles with curvature and acceleration filled in; a reversing one as driving forward the other way.
-
-        :param since: time since the previous step [s]; 0 at the first step.
-        """
-        self._last = {key: self._complete(_forward(each), key, since) for key, each in vehicles.items()}
-        return self._last
-
-    def _complete(self, now: Vehicle, key: Hashable, since: float) -> Vehicle:
-        last = self._last.get(key)
-        curvature, acceleration = 0.0, 0.0
-        if last is not None and since > 0.0:
-            turned = math.remainder(now.heading - last.heading, 2.0 * math.pi)
-            pace = 0.5 * (now.speed + last.speed)
-            curvature = float(np.clip(curvature_from_yaw_rate(turned / since, pace), -SHARPEST_TURN, SHARPEST_TURN))
-            acceleration = (now.speed - last.speed) / since
-        return now._replace(
-            curvature=curvature if now.curvature is None else now.curvature,
-            acceleration=acceleration if now.acceleration is None else now.acceleration,
-        )
+def as_points(given: Any) -> NDArray[np.float64]:
+    """Return numbers [m] as an array; an empty one for what are no numbers, not finite or beyond `GREATEST`."""
+    try:
+        points = np.array(given, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
+    return points if (np.abs(points) <= GREATEST).all() else np.empty(0)
 
 
-def _forward(vehicle: Vehicle) -> Vehicle:
-    """Return a vehicle that reverses as one that drives the other way; its rectangle is the same."""
-    if vehicle.speed >= 0.0:
-        return vehicle
-    return vehicle._replace(
-        heading=vehicle.heading + math.pi,
-        speed=-vehicle.speed,
-        curvature=None if vehicle.curvature is None else -vehicle.curvature,
-        acceleration=None if vehicle.acceleration is None else -vehicle.acceleration,
+def completed(now: Vehicle, last: Vehicle | None, since: float) -> Vehicle:
+    """Return a vehicle with curvature and acceleration; one that reverses as one that drives forward the other way.
+
+    :param last: what was returned `since` [s] ago; None: the vehicle is new.
+    """
+    if now.speed < 0.0:  # its rectangle is the same
+        signed = {name: getattr(now, name) for name in ("speed", "curvature", "acceleration")}
+        signed = {name: -value for name, value in signed.items() if value is not None}
+        now = now._replace(heading=now.heading + math.pi, **signed)
+    curvature, acceleration = 0.0, 0.0
+    if last is not None and since > 0.0:
+        turned = math.remainder(now.heading - last.heading, 2.0 * math.pi)
+        pace = 0.5 * (now.speed + last.speed)
+        curvature = float(np.clip(curvature_from_yaw_rate(turned / since, pace), -SHARPEST_TURN, SHARPEST_TURN))
+        acceleration = (now.speed - last.speed) / since
+    return now._replace(
+        curvature=curvature if now.curvature is None else now.curvature,
+        acceleration=acceleration if now.acceleration is None else now.acceleration,
     )
 
 
@@ -183,8 +155,7 @@ def driven_on(vehicle: Vehicle, time: float) -> Vehicle:
     if time == 0.0:
         return vehicle
     assert vehicle.curvature is not None
-    place = vehicle.x, vehicle.y, vehicle.heading, vehicle.speed
-    x, y, heading, _, _ = drive(*place, steer_to(vehicle.curvature), 0.0, 0.0, time)
+    x, y, heading, _, _ = drive(*vehicle[:4], steer_to(vehicle.curvature), 0.0, 0.0, time)
     return vehicle._replace(x=x, y=y, heading=heading)
 
 
