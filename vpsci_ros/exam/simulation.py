@@ -5,7 +5,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +76,9 @@ def simulate(
     if not isinstance(several, Iterable) or not (several := list(several)):
         raise InvalidInput(f"{where}: scenarios: expected a number, a name, a file or a list, got {shown(scenarios)}")
     roads = [each if isinstance(each, Scenario) else load_scenario(each) for each in several]
-    given = {"seed": _whole(seed), "episodes": _whole(episodes), "first_episode": _whole(first_episode)}
-    run = build(RunConfig, given, where)
+    given: dict[str, Any] = {"seed": seed, "episodes": episodes, "first_episode": first_episode}
+    whole = {name: int(value) if isinstance(value, np.integer) else value for name, value in given.items()}
+    run = build(RunConfig, whole, where)
     chosen = dict(agents) if isinstance(agents, Mapping) else dict.fromkeys(AGENTS, agents)
     refuse_unknown(chosen, dict.fromkeys(AGENTS), f"{where}: agents")
     if taken := [f"{name}_driver" for name in AGENTS if f"{name}_driver" in world]:
@@ -89,13 +90,16 @@ def simulate(
     made: dict[str, Agent] = {name: make() for name, (driver, make) in found.items() if driver == "policy"}
     loop = Loop(World(config, roads, queue, min(SIDE_BY_SIDE, len(queue)), run.seed), made)
     ticks = _driven(loop, found["vehicle"][1]) if config.vehicle_driver == "external" else loop.ticks()
+    begun = time.monotonic()
     with ExitStack() as stack:
-        return collected(loop, ticks, FilterConfig(), True, _late_bar(stack, len(queue), quiet))
+        bars = cache(lambda: stack.enter_context(Bars("episodes", quiet=quiet)))
 
+        def report(ended: int) -> None:
+            if time.monotonic() - begun > SHOWN_AFTER:
+                bars().bar("episodes", ended, len(queue))
+                bars().line(f"{ended:,} of {len(queue):,} episodes", now=ended == len(queue))
 
-def _whole(value: Any) -> Any:
-    """Return a whole number of numpy's as int; anything else unchanged."""
-    return int(value) if isinstance(value, np.integer) else value
+        return collected(loop, ticks, FilterConfig(), True, report)
 
 
 def _agent(name: str, chosen: Any, where: str) -> tuple[str, Callable[[], Any]]:
@@ -114,12 +118,10 @@ def _agent(name: str, chosen: Any, where: str) -> tuple[str, Callable[[], Any]]:
         return "policy", partial(_loaded, name, PolicyConfig(), chosen)
     if not isinstance(chosen, (str, Path, PolicyConfig)):
         raise InvalidInput(f"{where}: expected a name, a file, a policy or a class, got {shown(chosen)}")
-    if isinstance(chosen, PolicyConfig):
-        config = chosen
-    elif str(chosen) in RULES[name]:
+    if str(chosen) in RULES[name]:
         return RULES[name][str(chosen)], lambda: None
-    else:
-        config = PolicyConfig(agent=str(chosen)) if chosen in added_pedestrians() else PolicyConfig(weights=str(chosen))
+    named: dict[str, Any] = {"agent" if chosen in added_pedestrians() else "weights": str(chosen)}
+    config = chosen if isinstance(chosen, PolicyConfig) else PolicyConfig(**named)
     if config.agent != LEARNED:
         return "policy", partial(make_agent, name, config)
     if config.weights not in SHIPPED and not config.weights.endswith(".safetensors"):
@@ -155,17 +157,3 @@ def _driven(loop: Loop, make: Callable[[], Any]) -> Iterator[Step]:
     yield from driven.ticks(lambda _: None)
     if driven.lost:
         raise VpsciError(driven.failure())
-
-
-def _late_bar(stack: ExitStack, total: int, quiet: bool) -> Callable[[int], None]:
-    """Return a function that shows how many of `total` episodes have ended, once the work has taken `SHOWN_AFTER`."""
-    begun, shown_by = time.monotonic(), list[Bars]()
-
-    def report(ended: int) -> None:
-        if not quiet and not shown_by and time.monotonic() - begun > SHOWN_AFTER:
-            shown_by.append(stack.enter_context(Bars("episodes")))
-        for bars in shown_by:
-            bars.bar("episodes", ended, total)
-            bars.line(f"{ended:,} of {total:,} episodes", now=ended == total)
-
-    return report
