@@ -12,50 +12,41 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.runs.kernel_cache import choose_cache_folder
 
+if TYPE_CHECKING:
+    from vpsci_ros.world import World
+
 DONE = "compiled-"  # a file of this name and a part's in the cache folder: the part has been compiled
 
 
-def _spawn() -> None:
+def _world(*episodes: tuple[int, int], first_tick: int = 1) -> "World":  # a first policy tick would spawn
     from vpsci_ros.world import World, WorldConfig, load_scenarios
 
-    World(WorldConfig(), load_scenarios([1]), [(1, 0)], 1, 0)
+    return World(WorldConfig(), load_scenarios([1]), episodes, 1, 0, first_tick=first_tick)
 
 
 def _move() -> None:
     from vpsci_ros.data.episode_block import EpisodeFrames
     from vpsci_ros.data.filters import FilterConfig, apply_filters
-    from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop
 
-    step = Loop(World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)).step()  # a policy tick would spawn
-    apply_filters(EpisodeFrames(1, 2).add(step), FilterConfig())
+    apply_filters(EpisodeFrames(1, 2).add(Loop(_world()).step()), FilterConfig())
 
 
 def _act(policy: str) -> None:
-    import numpy as np
-
     from vpsci_ros.policy.agent import policies
     from vpsci_ros.policy.policy_file import load_policy
-    from vpsci_ros.world import World, WorldConfig, load_scenarios
-    from vpsci_ros.world.state import EPISODE, RUNNING
-    from vpsci_ros.world.tick import Tick
 
-    state = np.zeros(1, EPISODE)
-    state["status"] = RUNNING
-    yes = np.ones(1, np.bool_)
-    tick = Tick(number=0, state=state, policy_frame=yes, by_policies=True)
-    world = World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)
-    for agent in policies(load_policy(policy), world).values():
-        agent.act(tick, tick.assessed(np.ones(1), np.ones(1), yes))
+    policies(load_policy(policy), _world())  # which act once as they are loaded
 
 
-PARTS: dict[str, Callable[[], None]] = {
-    "spawn": _spawn,
+PARTS: dict[str, Callable[[], object]] = {
+    "spawn": partial(_world, (1, 0), first_tick=0),
     "people": partial(_act, "people"),
     "move": _move,
     "network": partial(_act, "ma_sst_ddpg"),
