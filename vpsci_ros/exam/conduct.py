@@ -36,7 +36,7 @@ from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import Bars
-from vpsci_ros.runs.workers import HERE, Place, Site, Work, Workers, computed, mixed
+from vpsci_ros.runs.workers import HERE, Place, Site, Work, computed, mixed
 from vpsci_ros.view.pack import LIMIT
 from vpsci_ros.view.view_page import write_view
 
@@ -174,9 +174,41 @@ def drives(
     parts = exam.parts()
     reads = partial(files_to_take, exam)
     work = Work(partial(conductor, parts), folder, most * len(parts), reads, whole_host=not exam.in_process)
+
+    def drive(pedestrians: Sequence[str], head_starts: HeadStarts) -> dict[str, RunResult]:
+        timed = [{key: head_starts[key] for key in part.episodes if key in head_starts} for part in parts]
+        own = [dataclasses.replace(part, head_starts=starts) for part, starts in zip(parts, timed, strict=True)]
+        runs = [(name, number) for name in pedestrians for number in range(len(own))]
+        waiting, found = iter(enumerate(runs, 1)), dict[tuple[str, int], RunResult]()
+
+        def following() -> Run | None:
+            while all(result.episodes for result in found.values()) and (numbered := next(waiting, None)):
+                number, (name, part) = numbered
+                if not is_done(own[part], folder, name):
+                    shutil.rmtree(run_folder(folder, name, part), ignore_errors=True)
+                    label = f"{what}{number} of {len(runs)}" * (workers.alone and not quiet)
+                    return Run(name, part, timed[part], label)
+                found[name, part] = read_result(folder, name, part)
+            return None
+
+        todo = list(filter(None, [following()]))
+        if todo:
+            units = computed(pool(), lambda: todo.pop() if todo else following(), ahead=False)
+            with Bars(quiet=quiet or workers.alone, where=workers.hosts) as bars:
+                for run, _ in units:
+                    found[run.pedestrian, run.part] = read_result(folder, run.pedestrian, run.part)
+                    done = sum(own[part].run.total for _, part in found)
+                    wanted = sum(part.run.total for part in own) * len(pedestrians)
+                    bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
+                    bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
+        empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
+        taken = {name: [found[run] for run in runs[: empty + 1] if run[0] == name] for name in pedestrians}
+        whole = sum(len(part.episodes) for part in own)
+        return {name: merged_results(results, whole) for name, results in taken.items() if results}
+
     with contextlib.ExitStack() as stack:
         pool = cache(lambda: stack.enter_context(contextlib.closing(workers.start(work))))
-        yield partial(_driven, parts, folder, workers, pool, quiet, what)
+        yield drive
 
 
 def run_with_all(
@@ -185,47 +217,6 @@ def run_with_all(
     """Return the driving system's result with each pedestrian, see `drives`."""
     with drives(exam, folder, workers=workers, most=len(pedestrians), quiet=quiet, what=what) as drive:
         return drive(pedestrians, exam.head_starts)
-
-
-def _driven(
-    parts: Sequence[Exam],
-    folder: Path,
-    site: Site,
-    pool: Callable[[], Workers[Run, None]],
-    quiet: bool,
-    what: str,
-    pedestrians: Sequence[str],
-    head_starts: HeadStarts,
-) -> dict[str, RunResult]:
-    """Return the driving system's result with each pedestrian, see `drives`."""
-    timed = [{key: head_starts[key] for key in part.episodes if key in head_starts} for part in parts]
-    own = [dataclasses.replace(part, head_starts=starts) for part, starts in zip(parts, timed, strict=True)]
-    runs = [(name, number) for name in pedestrians for number in range(len(own))]
-    waiting, found = iter(enumerate(runs, 1)), dict[tuple[str, int], RunResult]()
-
-    def following() -> Run | None:
-        while all(result.episodes for result in found.values()) and (numbered := next(waiting, None)):
-            number, (name, part) = numbered
-            if not is_done(own[part], folder, name):
-                shutil.rmtree(run_folder(folder, name, part), ignore_errors=True)
-                return Run(name, part, timed[part], f"{what}{number} of {len(runs)}" * (site.alone and not quiet))
-            found[name, part] = read_result(folder, name, part)
-        return None
-
-    todo = list(filter(None, [following()]))
-    if todo:
-        units = computed(pool(), lambda: todo.pop() if todo else following(), ahead=False)
-        with Bars(quiet=quiet or site.alone, where=site.hosts) as bars:
-            for run, _ in units:
-                found[run.pedestrian, run.part] = read_result(folder, run.pedestrian, run.part)
-                done = sum(own[part].run.total for _, part in found)
-                wanted = sum(part.run.total for part in own) * len(pedestrians)
-                bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
-                bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
-    empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
-    taken = {name: [found[run] for run in runs[: empty + 1] if run[0] == name] for name in pedestrians}
-    most = sum(len(part.episodes) for part in own)
-    return {name: merged_results(results, most) for name, results in taken.items() if results}
 
 
 def conductor(parts: Sequence[Exam], place: Place) -> Callable[[Run], None]:
@@ -244,13 +235,9 @@ def merged_results(results: Sequence[RunResult], wanted: int) -> RunResult:
     conducts = [result.conduct for result in results]
     failures = [conduct.failure for conduct in conducts if conduct.failure]
     others = f" (so did {len(failures) - 1} more of its runs)" if len(failures) > 1 else ""
-    conduct = Conduct(
-        wanted,
-        sum(each.refused for each in conducts),
-        sum(each.surplus for each in conducts),
-        sum(each.safe_stops for each in conducts),
-        failures[0] + others if failures else "",
-    )
+    names = ("refused", "surplus", "safe_stops")
+    refused, surplus, stops = (sum(getattr(each, name) for each in conducts) for name in names)
+    conduct = Conduct(wanted, refused, surplus, stops, failures[0] + others if failures else "")
     episodes = sorted((episode for result in results for episode in result.episodes), key=lambda episode: episode.key)
     unanswered = {key: count for result in results for key, count in result.unanswered.items()}
     return RunResult(episodes, conduct, unanswered)

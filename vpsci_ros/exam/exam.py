@@ -314,21 +314,11 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
     if config.recorded:
         require_own(simulator.engine, "recorded people are replayed")
     weights = weights_path(chosen.get(PolicyConfig, "pedestrian_policy").weights)
-    exam = Exam(
-        chosen,
-        config,
-        run,
-        world,
-        load_scenarios(run.scenarios, run.scenario_files),
-        load_policy(weights),
-        weights,
-        read_near_misses(config.recorded) if config.recorded else None,
-        {
-            "weights": sha256(weights),
-            "recorded": sha256(near_misses_path(config.recorded)) if config.recorded else "",
-        },
-        driver_files(config),
-    )
+    scenarios = load_scenarios(run.scenarios, run.scenario_files)
+    people = read_near_misses(config.recorded) if config.recorded else None
+    recorded = sha256(near_misses_path(config.recorded)) if config.recorded else ""
+    hashes, default = {"weights": sha256(weights), "recorded": recorded}, load_policy(weights)
+    exam = Exam(chosen, config, run, world, scenarios, default, weights, people, hashes, driver_files(config))
     exam.reach(LEARNED)  # refuses a source of reactions that the bank does not have
     return sealed(exam)
 

@@ -27,15 +27,7 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.drivers import Answers, Cockpit, DrivenLoop
-from vpsci_ros.exam.exam import (
-    BASELINE,
-    EXTERNAL,
-    SIDE_BY_SIDE,
-    SILENT_TICKS,
-    SURPLUS_LIMIT,
-    Exam,
-    title_of,
-)
+from vpsci_ros.exam.exam import BASELINE, EXTERNAL, SIDE_BY_SIDE, SILENT_TICKS, SURPLUS_LIMIT, Exam, title_of
 from vpsci_ros.exam.process import class_process, command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.result import Conduct, RunResult, block_of_ticks, label_of, run_folder, write_result
