@@ -8,7 +8,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # The core needs neither, and to read torch, which the rooms above import, is half of mypy's time.
 ABOVE = """
 [[tool.mypy.overrides]]
-module = ["torch.*", "vpsci_ros.cosim.*"]
+module = ["torch.*", "vpsci_ros.cosim.*", "vpsci_ros.exam.*"]
 follow_imports = "skip"
 """
 
