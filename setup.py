@@ -174,10 +174,13 @@ BRANCHES = {
     "vpsci_ros.engines": ["carla = vpsci_ros.extras.carla.world:CARLA"],
     "vpsci_ros.importers": [
         "argoverse2 = vpsci_ros.extras.formats.track_tables:ARGOVERSE2",
+        "cqut-pvi = vpsci_ros.extras.formats.cqut_pvi:CQUT_PVI",
         "interaction = vpsci_ros.extras.formats.track_tables:INTERACTION",
         "levelx = vpsci_ros.extras.formats.track_tables:LEVELX",
         "sind = vpsci_ros.extras.formats.track_tables:SIND",
         "tgsim = vpsci_ros.extras.formats.track_tables:TGSIM",
+        "vci-citr = vpsci_ros.extras.formats.vci:VCI_CITR",
+        "vci-dut = vpsci_ros.extras.formats.vci:VCI_DUT",
         "vpsci = vpsci_ros.extras.paper.published_dataset:VPSCI",
     ],
 }

@@ -15,10 +15,10 @@ from vpsci_ros.data.importers import ImportResult, import_folders, import_trajec
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.summary import require_near_misses
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
-from vpsci_ros.data.importers.vci import VCI_DUT
 from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses
 from vpsci_ros.data.reference import AFTER, BEFORE, FLAG_RULES, around_critical, clean, paths_apart, trailing_slope
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.formats.vci import VCI_DUT
 from vpsci_ros.policy.make_bank import bank_of_tables
 
 RATE, CITR_RATE = 23.976, 29.97  # [1/s] frames of clips of VCI-DUT and VCI-CITR
@@ -271,7 +271,7 @@ def test_a_missing_folder_and_an_empty_one_are_named(tmp_path: Path) -> None:
 
 
 def test_an_unknown_format_is_refused_with_the_known_ones(clip_folder: Path) -> None:
-    with pytest.raises(InvalidInput, match="unknown format 'dut'; expected one of vci-dut, vci-citr"):
+    with pytest.raises(InvalidInput, match="unknown format 'dut'; expected one of described, argoverse2, cqut-pvi"):
         import_trajectories(clip_folder, "dut")
     with pytest.raises(InvalidInput, match="got 1 folders, 2 formats"):
         import_folders([clip_folder], ["vci-dut", "vci-citr"])

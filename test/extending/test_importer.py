@@ -68,6 +68,6 @@ def test_an_addition_that_cannot_be_used_is_named_with_its_distribution(
 
 
 def test_a_distribution_that_takes_a_built_in_name_is_refused(install: Install) -> None:
-    install(renamed("camera-thief", 'vci-dut = "camera_tracks:CAMERA"'))
-    with pytest.raises(InvalidInput, match="package camera-thief adds format 'vci-dut', which is built in"):
+    install(renamed("camera-thief", 'described = "camera_tracks:CAMERA"'))
+    with pytest.raises(InvalidInput, match="package camera-thief adds format 'described', which is built in"):
         IMPORTERS.names()

@@ -7,8 +7,6 @@ In reading order:
 * `import_recordings`: the entry point of the importers
 * `tracks`: importers, clips and tracks: read from CSV with every value checked, cut at gaps
 * `pairs`: near misses of clips: the CurvTTC of each vehicle with each pedestrian while both are tracked
-* `vci`: VCI-DUT and VCI-CITR: drone recordings of pedestrians among cars on a campus, and around a golf cart
-* `cqut_pvi`: CQUT-PVI: cars that turn right while a pedestrian crosses, at two unsignalised corners in Chongqing
 * `described`: recordings of any other layout, whose columns the file `layout.yaml` in the same folder describes
 * `layout_file`: the file `layout.yaml`, which describes the columns of recordings of any layout
 * `layout`: Tables of tracks with any column names: a layout gives the column and the unit of each quantity

@@ -9,18 +9,16 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, require_agreement, summed
 from vpsci_ros.data.importers.tracks import Clip, Importer, require_source
-from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.data.near_misses import concat_near_misses
 from vpsci_ros.data.reference import KINDS, WALKER
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 
-BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "cqut-pvi": CQUT_PVI, "described": DESCRIBED}
+BUILT_IN = {"described": DESCRIBED}
 IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 

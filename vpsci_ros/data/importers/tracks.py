@@ -1,6 +1,6 @@
 """Importers, clips and tracks: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid.
 
-The built-in importers are listed in `import_recordings`; other installed packages add theirs (docs/extending.md).
+`import_recordings` lists the importers; other installed packages add theirs (docs/extending.md).
 """
 
 import codecs

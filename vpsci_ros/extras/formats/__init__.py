@@ -15,5 +15,7 @@ In reading order:
 * `scenarionet`: episodes as a ScenarioNet database, which MetaDrive replays: one record a file
 * `mp4`: episodes as videos from above (H.264 in MP4, like the paper's 144 example videos), encoded by PyAV
 * `track_tables`: recordings published as tables of tracks: levelXData, INTERACTION, SinD, Argoverse 2 and TGSIM
+* `vci`: VCI-DUT and VCI-CITR: drone recordings of pedestrians among cars on a campus, and around a golf cart
+* `cqut_pvi`: CQUT-PVI: cars that turn right while a pedestrian crosses, at two unsignalised corners in Chongqing
 * `export_command`: the command `vpsci export`
 """

@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import ImportResult, import_trajectories
-from vpsci_ros.data.importers.cqut_pvi import CHORD, smoothed, way_heading
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.formats.cqut_pvi import CHORD, smoothed, way_heading
 
 RADIUS, SPEED, WALK = 8.0, 4.0, 1.2  # [m], [m/s]: a car on a circle, a pedestrian who walks into its way
 SECONDS, MEET = 5.0, 4.0  # [s]
