@@ -14,12 +14,11 @@ import pytest
 
 from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.dataset_reader import EpisodeFile
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import run
 from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.result import FRAMES, read_result
+from vpsci_ros.exam.result import FRAMES, EpisodeFile, read_result
 from vpsci_ros.exam.run import is_done, run_with
 from vpsci_ros.exam.view import open_exam, read_exam
 from vpsci_ros.resources import params_dir

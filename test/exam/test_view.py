@@ -9,12 +9,11 @@ from vpsci_ros.bags.episodes import read_bag_episodes
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import BASELINE, prepare
 from vpsci_ros.exam.measures import COLUMNS, episode_table
-from vpsci_ros.exam.result import FRAMES, RunResult, block_of_ticks
+from vpsci_ros.exam.result import FRAMES, RunResult, block_of_ticks, write_episodes
 from vpsci_ros.exam.run import autopilot_run
 from vpsci_ros.exam.view import exam_sources, read_exam
 from vpsci_ros.runs.run_config import Sections

@@ -17,11 +17,10 @@ from generate.small import TARGETS, UNIT
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.generate_dataset import generate, part_writers, simulators
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.parts import FINISHED, FOLDER, read_part, write_part
+from vpsci_ros.generate.parts import FINISHED, FOLDER, Parts
 from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.simulate import Simulator, storing
 from vpsci_ros.generate.verify import repeated
@@ -76,7 +75,7 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
     assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
-    assert len(list((tmp_path / "d" / FOLDER).glob("*.arrow"))) == 2
+    assert len(list((tmp_path / "d" / FOLDER).glob("*.block"))) == 2
     resumed = make(tmp_path / "d", unit=1000)  # goes on in the units of old
     assert resumed.computed == make(tmp_path / "once").computed - 2 * UNIT
     assert hashes(tmp_path / "d") == hashes(made)
@@ -100,7 +99,7 @@ def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record
 def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
-    part = next((tmp_path / "d" / FOLDER).glob("*.arrow"))
+    part = next((tmp_path / "d" / FOLDER).glob("*.block"))
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
     part.write_bytes(data)
@@ -109,18 +108,19 @@ def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp
 
 
 def test_a_part_holds_its_block_to_the_bit_and_tells_any_damage(job, tmp_path) -> None:
-    block, path = Simulator(job, 8)(Unit(1, range(8))), tmp_path / "part"
-    assert read_part(path, b"run 1") is None
-    write_part(path, block.records, arrow_rows(block), b"run 1")
-    assert read_part(path, b"run 2") is None
-    records, rows = read_part(path, b"run 1")
-    assert records.tobytes() == block.records.tobytes()
-    assert rows.equals(arrow_rows(block))
+    unit, parts = Unit(1, range(8)), Parts(tmp_path, 8, "run 1")
+    block, path = Simulator(job, 8)(unit), parts.path(unit)
+    assert parts.load(unit) is None
+    parts.write(unit, block)
+    found = parts.load(unit)
+    assert found.records.tobytes() == block.records.tobytes()
+    assert found.values.tobytes() == block.values.tobytes()
     whole = path.read_bytes()
+    assert Parts(tmp_path, 8, "run 2").load(unit) is None
     flipped = [whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :] for at in (0, 4, len(whole) // 2, len(whole) - 1)]
     for damaged in (b"", whole[:3], whole[:4], whole[:-1], whole + b"0", *flipped):
         path.write_bytes(damaged)
-        assert read_part(path, b"run 1") is None
+        assert parts.load(unit) is None
 
 
 def test_parts_of_other_units_and_runs_and_other_files_are_named_and_not_used(
@@ -129,15 +129,15 @@ def test_parts_of_other_units_and_runs_and_other_files_are_named_and_not_used(
     folder = tmp_path / "d"
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, folder, lambda parts: Stopped(job_in(parts, job, 64)), unit=UNIT)
-    first, *_ = sorted((folder / FOLDER).glob("*.arrow"))
-    shutil.copyfile(first, folder / FOLDER / "1-0000000003.arrow")  # begins no unit
-    shutil.copyfile(first, folder / FOLDER / f"6-{10 * UNIT:010d}.arrow")  # of another unit
+    first, *_ = sorted((folder / FOLDER).glob("*.block"))
+    shutil.copyfile(first, folder / FOLDER / "1-0000000003.block")  # begins no unit
+    shutil.copyfile(first, folder / FOLDER / f"6-{10 * UNIT:010d}.block")  # of another unit
     (folder / FOLDER / "notes.txt").touch()
     (folder / FOLDER / "run.json").unlink()
     make(folder, unit=UNIT)
     assert hashes(folder) == hashes(made)
     said = capsys.readouterr().err
-    for name in ("1-0000000003.arrow", f"6-{10 * UNIT:010d}.arrow", "notes.txt"):
+    for name in ("1-0000000003.block", f"6-{10 * UNIT:010d}.block", "notes.txt"):
         assert f"{name} is damaged or no part of this run" in said
 
 
@@ -242,7 +242,7 @@ def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, ma
 
 def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, made, tmp_path, monkeypatch) -> None:
     def full(path: Path):
-        if len(list(path.parent.glob("1-*.arrow"))) == 2:
+        if len(list(path.parent.glob("1-*.block"))) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return atomic_write(path)
 

@@ -13,12 +13,11 @@ from vpsci_ros.bags import episodes as bags
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.result import FRAMES
+from vpsci_ros.exam.result import FRAMES, write_episodes
 from vpsci_ros.exam.view import open_exam
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 

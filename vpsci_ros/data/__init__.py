@@ -5,10 +5,10 @@ In reading order:
 * `episode`: an episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets
 * `episode_block`: episodes that run side by side, collected frame by frame, and blocks of those that have ended
 * `filters`: the filters of a dataset: the four conditions of section 3.3 of the paper
-* `dataset_tables`: the tables of a dataset: their columns, and the rows of a block of episodes
+* `dataset_tables`: the tables of a dataset: their columns, a block of episodes as rows, and rows as a block
 * `dataset`: the dataset on disk: a file a scenario (name: Table 6, columns: Table 7), the index episodes.parquet
 * `dataset_description`: the content of dataset.json: counts by scenario and reason, quartiles of the least CurvTTC
-* `dataset_reader`: stored episodes read back: a dataset's folder, a row group at a time
+* `dataset_reader`: a dataset's folder read back, a row group at a time
 * `near_misses`: the near-miss table: recorded interactions with CurvTTC below 5 s, one row for each step of 0.1 s
 * `reference`: columns that follow from the other columns of a near-miss table, and the rows around critical steps
 * `recorded`: recorded interactions as episodes, from a near-miss table

@@ -14,37 +14,27 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DATASHEET, DESCRIPTION, description_of, file_entry
 from vpsci_ros.data.dataset_tables import (
+    ENCODING,
     EPISODE_COLUMNS,
     FORMATS,
     INDEX,
     INDEX_COLUMNS,
     REJECTED,
     arrow_rows,
-    episode_columns,
     index_table,
 )
-from vpsci_ros.data.episode_block import JUDGED, KEPT, EpisodeBlock, concat_blocks
+from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock, concat_blocks
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.data.parquet import arrow_schema, as_polars, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import atomic_write, require_empty_folder, write_json, write_text
-from vpsci_ros.world import Scenario
-from vpsci_ros.world.scenario import own_documents
 
 ROW_GROUP = 1 << 17
-_FLOATS = [name for name, column in EPISODE_COLUMNS.items() if column.dtype is pl.Float32]
-_ENCODING: dict[str, Any] = {
-    "compression": "zstd",
-    "use_dictionary": [name for name, column in EPISODE_COLUMNS.items() if column.dtype.is_integer()],
-    "use_byte_stream_split": _FLOATS,
-}
 
 
 class EpisodeTable:
@@ -58,7 +48,7 @@ class EpisodeTable:
         self._path, self._part = path, path.with_name(f".{path.name}.part")
         self._schema = arrow_schema(EPISODE_COLUMNS, metadata)
         self._file = self._part.open("wb")
-        self._parquet = None if path.suffix == ".csv" else pq.ParquetWriter(self._file, self._schema, **_ENCODING)
+        self._parquet = None if path.suffix == ".csv" else pq.ParquetWriter(self._file, self._schema, **ENCODING)
         if self._parquet is None:
             self._file.write((",".join(EPISODE_COLUMNS) + "\n").encode())
         self._row_group = row_group
@@ -166,20 +156,16 @@ class DatasetWriter:
             paths = [place / f"{name}.{form}" for form in self._formats]
             self._tables[number, kept] = [EpisodeTable(path, self._row_group, metadata) for path in paths]
 
-    def write(self, number: int, records: NDArray[np.void], rows: pa.Table) -> None:
+    def write(self, number: int, block: EpisodeBlock) -> None:
         """Write filtered episodes of a scenario, kept and rejected ones apart, with numbers above those written before.
 
-        :param records: JUDGED[n]; `rows`: those of the stored episodes, one after the other (`EPISODE_COLUMNS`), which
-            are the kept ones alone unless `keep_rejected`.
+        :param block: whose rejected episodes have rows if `keep_rejected`, and only then.
         """
-        by_kept = {True: rows}
-        if self.keep_rejected:
-            passed = np.repeat(records["reason"] == KEPT, records["rows"])
-            by_kept = {kept: rows.filter(pa.array(passed == kept)) for kept in (True, False)}
-        for kept, own in by_kept.items():
+        for kept in (True, False) if self.keep_rejected else (True,):
+            rows = arrow_rows(block.only(block.kept == kept) if self.keep_rejected else block)
             for table in self._tables[number, kept]:
-                table.add(own)
-        self._records[number].append(records)
+                table.add(rows)
+        self._records[number].append(block.records)
 
     def close(
         self,
@@ -242,23 +228,5 @@ def write_blocks(writer: DatasetWriter, blocks: Iterable[EpisodeBlock]) -> int:
             twice = whole.records["count"][int(again.argmax())]
             raise InvalidInput(f"episode {twice} of scenario {number} came twice")
         writer.begin(number)
-        writer.write(number, whole.records, arrow_rows(whole))
+        writer.write(number, whole)
     return sum(len(block) for parts in found.values() for block in parts)
-
-
-def write_episodes(path: Path, block: EpisodeBlock, period: float, scenarios: Sequence[Scenario], **facts: Any) -> None:
-    """Write simulated episodes as one Parquet file in float64, from which they are read bit-identically.
-
-    :param period, scenarios: see `EpisodeBlock.episodes`.
-    :param facts: JSON values that `read_metadata` returns by these names.
-    """
-    found, numbers = list(block.described(scenarios)), set(block.records["scenario"].tolist())
-    facts |= {
-        "listed": [listed for listed, _, _ in found],
-        "kinds": [kinds for _, kinds, _ in found],
-        "period": period if found else 0.0,
-        "own_scenarios": own_documents(each for each in scenarios if each.number in numbers),
-    }
-    rows = arrow_rows(block).cast(arrow_schema(episode_columns(np.float64), facts))
-    with atomic_write(path) as part:
-        pq.write_table(rows, part, write_page_checksum=True, **_ENCODING)

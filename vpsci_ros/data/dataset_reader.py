@@ -1,7 +1,6 @@
-"""Stored episodes read back: a dataset's folder, a row group at a time, and the file of a run of an exam."""
+"""A dataset's folder read back, a row group at a time."""
 
-import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION, FORM
 from vpsci_ros.data.dataset_tables import (
@@ -17,13 +15,13 @@ from vpsci_ros.data.dataset_tables import (
     FORMATS,
     INDEX,
     INDEX_COLUMNS,
-    NEXT_PEDESTRIAN,
-    NEXT_SCENARIO,
     REJECTED,
+    block_of_rows,
     records_of,
 )
-from vpsci_ros.data.episode import QUANTITIES, Episode, Key, Listed
-from vpsci_ros.data.parquet import open_parquet, read_bounded, read_metadata, read_parquet
+from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.data.episode_block import EpisodeBlock
+from vpsci_ros.data.parquet import open_parquet, read_bounded, read_parquet
 from vpsci_ros.documents import path_in_utf8, read_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import changed_files
@@ -80,13 +78,20 @@ class Dataset:
             else ""
         )
 
-    def stored(self, name: str) -> tuple[NDArray[np.void], pl.DataFrame]:
-        """Return a scenario's episodes as they were written, by its name: JUDGED[n], and the rows in their order."""
+    def stored(self, name: str) -> EpisodeBlock:
+        """Return a scenario's episodes as they were written, by its name; the kinds of pedestrians are not known.
+
+        :raises InvalidInput: a file is missing, or holds other episodes than the index.
+        """
         keep = self.holds_rejected(name)
         index = self.index().filter(pl.col("scenario") == self.scenarios[name]["number"])
         parts = [part for rejected in (False, True)[: 1 + keep] for _, part in self._parts(name, rejected=rejected)]
         rows = pl.concat([pl.DataFrame(schema=_SCHEMA), *parts]).sort("count", maintain_order=True)
-        return records_of(index, keep), rows
+        records, found = records_of(index, keep), block_of_rows(rows, self.folder / name)
+        sizes = ["scenario", "count", "frames", "pedestrians"]
+        if not np.array_equal(found.records[sizes], records[records["rows"] > 0][sizes]):
+            raise InvalidInput(f"{self.folder / name}: other episodes than {INDEX} lists; generate the dataset again")
+        return EpisodeBlock(records, found.values)
 
     @cached_property
     def own_scenarios(self) -> list[Scenario]:
@@ -124,7 +129,10 @@ class Dataset:
         for name in (scenario,) if scenario else self.scenarios:
             if name in groups:
                 for path, part in self._parts(name, rejected=rejected):
-                    yield from episodes_in(part, path, listed, self._roads, self.period, str(self.folder), marks=marks)
+                    for key, values in block_of_rows(part, path).motions():
+                        if (one := listed.get(key)) is not None:
+                            of = str(self.folder), one, self._roads.get(one.group), self.period
+                            yield Episode.from_values(*of, values, marks=marks.get(key, ()))
 
     def holds_rejected(self, name: str) -> bool:
         """Whether the dataset holds the rejected episodes of a scenario (`dataset.keep_rejected`)."""
@@ -177,92 +185,6 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
             f"{path}: expected the columns of an episode ({', '.join(EPISODE_COLUMNS)}), not readable as such from row "
             f"{row} on: {reason(error)}"
         ) from error
-
-
-def episodes_in(
-    rows: pl.DataFrame,
-    path: Path,
-    listed: Mapping[Key, Listed],
-    roads: Mapping[str, Scenario],
-    period: float,
-    source: str = "",
-    *,
-    kinds: Mapping[Key, Sequence[str]] | None = None,
-    marks: Mapping[Key, tuple[str, ...]] | None = None,
-) -> Iterator[Episode]:
-    """Yield the listed episodes of rows with `EPISODE_COLUMNS`.
-
-    :param rows: of whole episodes; `path`: of their file, the opening of an error message.
-    :param listed: metadata of the wanted episodes, `kinds` of their pedestrians, and `marks`, by their keys.
-    :param roads: scenarios by name.
-    :raises InvalidInput: frames that do not count from 0 for each pedestrian, or pedestrians of unequal lengths.
-    """
-    values = rows.select(pl.col(*QUANTITIES).cast(pl.Float64)).to_numpy()
-    for key, begin, end, people in _pieces(rows, path):
-        if (one := listed.get(key)) is not None:
-            own = values[begin:end].reshape(people, -1, len(QUANTITIES))
-            more = {"kinds": tuple((kinds or {}).get(key, ())), "marks": (marks or {}).get(key, ())}
-            yield Episode.from_values(source or str(path), one, roads.get(one.group), period, own, **more)
-
-
-def _pieces(rows: pl.DataFrame, path: Path) -> Iterator[tuple[Key, int, int, int]]:
-    """Yield each episode's key, first row, the row after its last row, and its number of pedestrians."""
-    scenario, count, frame, walker = (rows[name].to_numpy() for name in ("scenario", "count", "frame", "ped_id"))
-    if not len(count):
-        return
-    changes = np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0])
-    starts = np.flatnonzero(changes)
-    lengths = np.diff(starts, append=len(count))
-    expected = np.arange(len(count)) - np.repeat(starts, lengths)
-    if not np.array_equal(expected, frame):
-        row = int(np.argmax(expected != frame))
-        raise InvalidInput(f"{path}: frame {frame[row]} of episode {count[row]}: expected frame {expected[row]}")
-    number = walker[starts] % NEXT_SCENARIO // NEXT_PEDESTRIAN
-    first = np.flatnonzero(np.diff(scenario[starts], prepend=-1) | np.diff(count[starts], prepend=-1))
-    several = np.diff(first, append=len(starts))
-    wanted, place = np.repeat(lengths[first], several), np.arange(len(starts)) - np.repeat(first, several)
-    for what, right, got in (("its number", place, number), ("the number of its frames", wanted, lengths)):
-        if (wrong := np.flatnonzero(got != right)).size:
-            piece = wrong[0]
-            name = f"{scenario[starts[piece]]}:{count[starts[piece]]}"
-            raise InvalidInput(
-                f"{path}: episode {name}, pedestrian {number[piece]}: expected {what} to be {right[piece]}, got "
-                f"{got[piece]}; rows are missing or lie apart, so make the file again"
-            )
-    begins = np.append(starts[first], len(count))
-    keys = zip(scenario[begins[:-1]].tolist(), count[begins[:-1]].tolist(), strict=True)
-    for key, (begin, end), people in zip(keys, itertools.pairwise(begins.tolist()), several.tolist(), strict=True):
-        yield key, begin, end, people
-
-
-class EpisodeFile:
-    """Simulated episodes in one Parquet file, as `write_episodes` writes it.
-
-    :ivar facts: what else was stored.
-    :ivar listed: the episodes without their motion.
-    :ivar period: time from one frame to the next [s].
-    :raises InvalidInput: it cannot be read, or holds something else.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.facts = path, read_metadata(path)
-        try:
-            self.listed = [Listed(*each) for each in self.facts["listed"]]
-            self.period = float(self.facts["period"])
-            self._kinds = {one.key: kinds for one, kinds in zip(self.listed, self.facts["kinds"], strict=True)}
-            self.own_scenarios = own_scenarios(self.facts["own_scenarios"], str(path))
-        except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(f"{path}: not readable as episodes of a run ({reason(error)}); drive it again") from None
-
-    def read(self) -> Iterator[Episode]:
-        """Yield the episodes.
-
-        :raises InvalidInput: the rows cannot be read.
-        """
-        rows = read_parquet(self.path, "the episodes of a run", EPISODE_COLUMNS)
-        roads = {scenario.name: scenario for scenario in every_scenario(self.facts["own_scenarios"])}
-        listed = {one.key: one for one in self.listed}
-        yield from episodes_in(rows, self.path, listed, roads, self.period, kinds=self._kinds)
 
 
 _SCHEMA = {name: column.dtype for name, column in EPISODE_COLUMNS.items()}

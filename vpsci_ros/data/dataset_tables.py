@@ -1,9 +1,12 @@
-"""The tables of a dataset: their columns, and the rows of a block of episodes.
+"""The tables of a dataset: their columns, a block of episodes as rows, and rows as a block.
 
 CurvTTC is infinite where no contact is predicted within the horizon ("inf" in CSV, which pandas, polars, numpy and R
 read as infinity); the authors do not say how their files write this. Values that were not observed are NaN. `count` is
 the number of the episode within its scenario, with which the episode can be simulated again.
 """
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -13,6 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 from vpsci_ros.data.episode import QUANTITIES
 from vpsci_ros.data.episode_block import JUDGED, KEPT, RANGES, REASONS, EpisodeBlock
 from vpsci_ros.data.parquet import Column, arrow_schema
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import OUTCOME_NAMES
 
 Numbers = NDArray[np.int64]
@@ -46,6 +50,12 @@ EPISODE_COLUMNS: dict[str, Column] = {
 
 An exam stores the floats as float64. The pedestrians of an episode follow one after the other.
 """
+ENCODING: dict[str, Any] = {
+    "compression": "zstd",
+    "use_dictionary": [name for name, column in EPISODE_COLUMNS.items() if column.dtype.is_integer()],
+    "use_byte_stream_split": [name for name, column in EPISODE_COLUMNS.items() if column.dtype is pl.Float32],
+}
+"""How pyarrow writes these columns to a Parquet file."""
 TABLE_7 = tuple(EPISODE_COLUMNS)[:14]
 INDEX_COLUMNS: dict[str, Column] = {
     "scenario": Column(pl.Int32, "", "number of the scenario; 1 to 8 are those of Table 6"),
@@ -102,6 +112,42 @@ def arrow_rows(block: EpisodeBlock) -> pa.Table:
     columns |= {name: columns[name] == 1.0 for name in ("controlled", "seen")}
     schema = arrow_schema(episode_columns(block.values.dtype), {})
     return pa.table([pa.array(columns[name]) for name in EPISODE_COLUMNS], schema=schema)
+
+
+def block_of_rows(rows: pl.DataFrame, path: Path) -> EpisodeBlock:
+    """Return the stored episodes of rows with `EPISODE_COLUMNS`; of their records only numbers and sizes are known.
+
+    :param rows: of whole episodes; `path`: of their file, the opening of an error message.
+    :raises InvalidInput: frames that do not count from 0 for each pedestrian, or pedestrians of unequal lengths.
+    """
+    single = all(rows[name].dtype != pl.Float64 for name in QUANTITIES)
+    values = rows.select(pl.col(*QUANTITIES).cast(pl.Float32 if single else pl.Float64)).to_numpy()
+    scenario, count, frame, walker = (rows[name].to_numpy() for name in ("scenario", "count", "frame", "ped_id"))
+    if not len(count):
+        return EpisodeBlock(np.zeros(0, JUDGED), values)
+    changes = np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0])
+    starts = np.flatnonzero(changes)
+    lengths = np.diff(starts, append=len(count))
+    expected = np.arange(len(count)) - np.repeat(starts, lengths)
+    if not np.array_equal(expected, frame):
+        row = int(np.argmax(expected != frame))
+        raise InvalidInput(f"{path}: frame {frame[row]} of episode {count[row]}: expected frame {expected[row]}")
+    number = walker[starts] % NEXT_SCENARIO // NEXT_PEDESTRIAN
+    first = np.flatnonzero(np.diff(scenario[starts], prepend=-1) | np.diff(count[starts], prepend=-1))
+    several = np.diff(first, append=len(starts))
+    wanted, place = np.repeat(lengths[first], several), np.arange(len(starts)) - np.repeat(first, several)
+    for what, right, got in (("its number", place, number), ("the number of its frames", wanted, lengths)):
+        if (wrong := np.flatnonzero(got != right)).size:
+            piece = wrong[0]
+            name = f"{scenario[starts[piece]]}:{count[starts[piece]]}"
+            raise InvalidInput(
+                f"{path}: episode {name}, pedestrian {number[piece]}: expected {what} to be {right[piece]}, got "
+                f"{got[piece]}; rows are missing or lie apart, so make the file again"
+            )
+    records = np.zeros(len(first), JUDGED)
+    records["scenario"], records["count"] = scenario[starts[first]], count[starts[first]]
+    records["frames"], records["pedestrians"], records["rows"] = lengths[first], several, lengths[first] * several
+    return EpisodeBlock(records, values)
 
 
 def index_table(records: NDArray[np.void]) -> pl.DataFrame:

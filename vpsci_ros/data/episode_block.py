@@ -104,9 +104,7 @@ class EpisodeBlock:
         :raises IndexError: no such episode.
         """
         place = range(len(self))[i]
-        end, rows = self._ends[place], self.records["rows"][place]
-        one = EpisodeBlock(self.records[place : place + 1], self.values[end - rows : end])
-        return next(one.episodes(self.period, self.scenarios))
+        return next(self.between(place, place + 1).episodes(self.period, self.scenarios))
 
     def to_polars(self) -> "pl.DataFrame":
         """Return a row a frame and pedestrian of the stored episodes, with a dataset's columns and `outcome`."""
@@ -127,6 +125,11 @@ class EpisodeBlock:
     def kept(self) -> NDArray[np.bool_]:
         """bool[n], episodes that pass every filter."""
         return np.asarray(self.records["reason"] == KEPT)
+
+    def between(self, begin: int, end: int) -> "EpisodeBlock":
+        """Return the episodes from the `begin`th to before the `end`th, which share this block's memory."""
+        ends = np.append(0, self._ends)
+        return replace(self, records=self.records[begin:end], values=self.values[ends[begin] : ends[end]])
 
     def only(self, chosen: NDArray[np.bool_]) -> "EpisodeBlock":
         """Return the episodes where `chosen`, bool[n], is true."""
@@ -155,11 +158,11 @@ class EpisodeBlock:
         found: list[Key] = self.records[["scenario", "count"]].tolist()
         return found
 
-    def motions(self) -> dict[Key, bytes]:
-        """Return the bytes of each episode's values, by which two episodes are compared."""
-        ends = np.cumsum(self.records["rows"])
-        parts = zip(self.keys, ends - self.records["rows"], ends, strict=True)
-        return {key: self.values[begin:end].tobytes() for key, begin, end in parts}
+    def motions(self) -> Iterator[tuple[Key, NDArray[np.floating[Any]]]]:
+        """Yield key and values[n, T, 15] of each stored episode."""
+        for key, record, end in zip(self.keys, self.records, self._ends.tolist(), strict=True):
+            if len(rows := self.values[end - record["rows"] : end]):
+                yield key, rows.reshape(record["pedestrians"], -1, len(QUANTITIES))
 
     def without(self, keys: Container[Key]) -> "EpisodeBlock":
         """Return the episodes other than those of these keys."""
@@ -171,14 +174,12 @@ class EpisodeBlock:
         :param scenarios: those that may occur, found by their numbers.
         """
         roads = {scenario.number: scenario for scenario in scenarios}
-        for key, record, end in zip(self.keys, self.records, self._ends.tolist(), strict=True):
-            if len(rows := self.values[end - record["rows"] : end]):
-                people = int(record["pedestrians"])
-                values = rows.reshape(people, -1, len(QUANTITIES))
-                curvttc = values[..., QUANTITIES.index("CurvTTC")]
-                least = float(np.fmin.reduce(curvttc, axis=None, initial=np.inf))
-                listed = Listed.simulated(key, roads.get(key[0]), OUTCOME_NAMES[record["outcome"]], least)
-                yield listed, tuple(KINDS[kind] for kind in record["kinds"][:people]), values
+        stored = self.records[self.records["rows"] > 0]
+        for (key, values), record in zip(self.motions(), stored, strict=True):
+            curvttc = values[..., QUANTITIES.index("CurvTTC")]
+            least = float(np.fmin.reduce(curvttc, axis=None, initial=np.inf))
+            listed = Listed.simulated(key, roads.get(key[0]), OUTCOME_NAMES[record["outcome"]], least)
+            yield listed, tuple(KINDS[kind] for kind in record["kinds"][: len(values)]), values
 
     def episodes(self, period: float, scenarios: Sequence[Scenario], source: str = "") -> Iterator[Episode]:
         """Yield the stored episodes, see `described`.

@@ -1,18 +1,24 @@
 """The result of a run of an exam: its episodes, whatever the driving system was, and how the run went."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from vpsci_ros.data.dataset import write_episodes
-from vpsci_ros.data.dataset_reader import EpisodeFile
-from vpsci_ros.data.episode import Episode, Key
+import numpy as np
+import pyarrow.parquet as pq
+
+from vpsci_ros.data.dataset_tables import ENCODING, EPISODE_COLUMNS, arrow_rows, block_of_rows, episode_columns
+from vpsci_ros.data.episode import Episode, Key, Listed
 from vpsci_ros.data.episode_block import EpisodeBlock, SeenTick, concat_blocks, ended_blocks
+from vpsci_ros.data.parquet import arrow_schema, read_metadata, read_parquet
+from vpsci_ros.documents import reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.runs.files import atomic_write
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
+from vpsci_ros.world.scenario import every_scenario, own_documents
 
 FRAMES = "frames.parquet"  # of a run
 
@@ -75,6 +81,56 @@ def first_critical(episode: Episode) -> FirstCritical:
 def block_of_ticks(ticks: Iterable[SeenTick], scenarios: Sequence[Scenario]) -> EpisodeBlock:
     """Return the episodes that end in a run's ticks, sorted by key."""
     return concat_blocks(list(ended_blocks(ticks, scenarios)))
+
+
+def write_episodes(path: Path, block: EpisodeBlock, period: float, scenarios: Sequence[Scenario], **facts: Any) -> None:
+    """Write simulated episodes as one Parquet file in float64, from which they are read bit-identically.
+
+    :param period, scenarios: see `EpisodeBlock.episodes`.
+    :param facts: JSON values that `EpisodeFile` returns by these names.
+    """
+    found, numbers = list(block.described(scenarios)), set(block.records["scenario"].tolist())
+    facts |= {
+        "listed": [listed for listed, _, _ in found],
+        "kinds": [kinds for _, kinds, _ in found],
+        "period": period if found else 0.0,
+        "own_scenarios": own_documents(each for each in scenarios if each.number in numbers),
+    }
+    rows = arrow_rows(block).cast(arrow_schema(episode_columns(np.float64), facts))
+    with atomic_write(path) as part:
+        pq.write_table(rows, part, write_page_checksum=True, **ENCODING)
+
+
+class EpisodeFile:
+    """Simulated episodes in one Parquet file, as `write_episodes` writes it.
+
+    :ivar facts: what else was stored.
+    :ivar listed: the episodes without their motion.
+    :ivar period: time from one frame to the next [s].
+    :raises InvalidInput: it cannot be read, or holds something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.facts = path, read_metadata(path)
+        try:
+            self.listed = [Listed(*each) for each in self.facts["listed"]]
+            self.period = float(self.facts["period"])
+            self._kinds = {one.key: tuple(kinds) for one, kinds in zip(self.listed, self.facts["kinds"], strict=True)}
+            self._roads = {road.name: road for road in every_scenario(self.facts["own_scenarios"], str(path))}
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f"{path}: not readable as episodes of a run ({reason(error)}); drive it again") from None
+
+    def read(self) -> Iterator[Episode]:
+        """Yield the episodes.
+
+        :raises InvalidInput: the rows cannot be read.
+        """
+        block = block_of_rows(read_parquet(self.path, "the episodes of a run", EPISODE_COLUMNS), self.path)
+        listed = {one.key: one for one in self.listed}
+        for key, values in block.motions():
+            if (one := listed.get(key)) is not None:
+                of = str(self.path), one, self._roads.get(one.group), self.period
+                yield Episode.from_values(*of, values, kinds=self._kinds[key])
 
 
 def write_result(

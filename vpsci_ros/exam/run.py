@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from vpsci_ros.bags.reader import Bag, BagTick
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset import write_episodes
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks
 from vpsci_ros.errors import InvalidInput, VpsciError
@@ -30,7 +29,7 @@ from vpsci_ros.exam.drivers import Answers, Cockpit, DrivenLoop
 from vpsci_ros.exam.exam import BASELINE, EXTERNAL, SIDE_BY_SIDE, SILENT_TICKS, SURPLUS_LIMIT, Exam, title_of
 from vpsci_ros.exam.process import class_process, command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
-from vpsci_ros.exam.result import Conduct, RunResult, block_of_ticks, label_of, run_folder, write_result
+from vpsci_ros.exam.result import Conduct, RunResult, block_of_ticks, label_of, run_folder, write_episodes, write_result
 from vpsci_ros.lockstep.counts import WorldCounts
 from vpsci_ros.lockstep.intervention import Interventions
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
@@ -195,8 +194,8 @@ def _kept_state(exam: Exam, name: str, block: EpisodeBlock, drivers: Callable[[i
     keys = block.keys[:: -2 if len(block) > 2 else -1]
     cars = 1 if exam.driver else len(keys) // 2
     again = DrivenLoop(loop_with(exam, name, "external", keys, cars), drivers(cars), exam.perception, log)
-    found = block_of_ticks(again.ticks(lambda _: None), exam.scenarios).without(again.lost).motions()
-    before = block.motions()
+    second = block_of_ticks(again.ticks(lambda _: None), exam.scenarios).without(again.lost)
+    before, found = ({key: values.tobytes() for key, values in each.motions()} for each in (block, second))
     other = [f"{key[0]}:{key[1]}" for key in sorted(keys) if found.get(key) != before[key]]
     if not other:
         return ""

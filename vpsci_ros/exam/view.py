@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_reader import EpisodeFile
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, EXAM, title_of
 from vpsci_ros.exam.measures import read_episode_table
-from vpsci_ros.exam.result import exam_runs
+from vpsci_ros.exam.result import EpisodeFile, exam_runs
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH, contact_step
 from vpsci_ros.view.episode_sources import EpisodeSource

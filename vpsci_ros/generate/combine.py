@@ -6,16 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
-from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_description import DESCRIPTION, FORM_OF_GENERATED
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, FORMATS
-from vpsci_ros.data.episode_block import KEPT
+from vpsci_ros.data.dataset_tables import FORMATS
+from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks
 from vpsci_ros.data.filters import FilterConfig
-from vpsci_ros.data.parquet import arrow_schema
 from vpsci_ros.documents import given_names, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.datasheet import datasheet
@@ -27,7 +24,6 @@ from vpsci_ros.world.state import OUTCOME_NAMES
 _OF_A_RUN = ("first_episode", "kept_wanted")  # facts of a dataset that has every episode from one number on
 _COUNTED = ("content", "all", "filters", "unfinished", "scenarios", "columns", "files", "versions")
 _UNITED = ("scenario_files", "own_scenarios")
-Stored = tuple[NDArray[np.void], pl.DataFrame]
 
 
 def merge(folders: Sequence[Path], output: Path) -> dict[str, Any]:
@@ -48,7 +44,7 @@ def merge(folders: Sequence[Path], output: Path) -> dict[str, Any]:
     configuration = facts[0]["configuration"]
     configuration = configuration | {"world_simulator": configuration["world_simulator"] | {"scenarios": numbers}}
     provenance = {**facts[0], **united, "configuration": configuration, "merged": merged}
-    parts: dict[str, list[tuple[Dataset, Stored]]] = {}
+    parts: dict[str, list[tuple[Dataset, EpisodeBlock]]] = {}
     for source in sources:
         for name in source.scenarios:
             parts.setdefault(name, []).append((source, source.stored(name)))
@@ -76,9 +72,10 @@ def select(
     if outcome and outcome not in OUTCOME_NAMES:
         raise InvalidInput(f"--outcome {outcome}: expected one of {', '.join(OUTCOME_NAMES)}")
     numbered = [_range_of(text) for text in given_names(episodes, "--episodes")]
-    chosen: dict[str, Stored] = {}
+    chosen: dict[str, EpisodeBlock] = {}
     for name in source.scenarios:
-        records, rows = source.stored(name)
+        block = source.stored(name)
+        records = block.records
         meets = np.ones(len(records), np.bool_)
         if scenarios:
             meets &= np.isin(records["scenario"], scenarios)
@@ -90,8 +87,8 @@ def select(
             meets &= records["outcome"] == OUTCOME_NAMES.index(outcome)
         if curvttc_below is not None:
             meets &= records["least_curvttc"] < curvttc_below
-        if (records["reason"][meets] == KEPT).any():
-            chosen[name] = records[meets], rows.filter(pl.Series(np.repeat(meets, records["rows"])))
+        if (block.kept & meets).any():
+            chosen[name] = block.only(meets)
     if not chosen:
         raise InvalidInput(f"{folder}: no kept episode is as chosen; `vpsci dataset info` tells which it has")
     conditions = {
@@ -132,23 +129,21 @@ def _alike(facts: Mapping[str, Any]) -> dict[str, Any]:
     return same | {"configuration": facts["configuration"] | {"world_simulator": world}}
 
 
-def _joined(parts: Sequence[tuple[Dataset, Stored]]) -> Stored:
+def _joined(parts: Sequence[tuple[Dataset, EpisodeBlock]]) -> EpisodeBlock:
     """Return the episodes of one scenario of several datasets, in the order of their numbers."""
-    records = np.concatenate([own for _, (own, _) in parts])
-    order = np.argsort(records["count"], kind="stable")
-    count = records["count"][order]
-    if (again := np.flatnonzero(np.diff(count) == 0)).size:
-        number, scenario = count[again[0]], records["scenario"][0]
-        folders = " and ".join(str(source.folder) for source, (own, _) in parts if (own["count"] == number).any())
+    whole = concat_blocks([block for _, block in parts])
+    if (again := np.flatnonzero(np.diff(whole.records["count"]) == 0)).size:
+        scenario, number = whole.keys[again[0]]
+        folders = " and ".join(str(source.folder) for source, block in parts if (scenario, number) in block.keys)
         raise InvalidInput(f"episode {scenario}:{number} is in {folders}; `vpsci dataset select` leaves it out of one")
-    return records[order], pl.concat([rows for _, (_, rows) in parts]).sort("count", maintain_order=True)
+    return whole
 
 
 def _write(
-    sources: Sequence[Dataset], found: Mapping[str, Stored], facts: dict[str, Any], output: Path
+    sources: Sequence[Dataset], found: Mapping[str, EpisodeBlock], facts: dict[str, Any], output: Path
 ) -> dict[str, Any]:
     job, description = job_of(sources[0]), sources[0].description
-    numbers = {name: int(records["scenario"][0]) for name, (records, _) in found.items()}
+    numbers = {name: int(block.records["scenario"][0]) for name, block in found.items()}
     scenarios = [scenario for source in sources for scenario in job_of(source).scenarios]
     own = {scenario.number: scenario for scenario in scenarios if scenario.number in numbers.values()}
     world = _world(facts) | {"scenarios": sorted(own)}
@@ -165,9 +160,8 @@ def _write(
         keep_rejected=job.keep_rejected,
     ) as writer:
         for name, number in sorted(numbers.items(), key=lambda each: each[1]):
-            records, rows = found[name]
             writer.begin(number)
-            writer.write(number, records, rows.to_arrow().cast(arrow_schema(EPISODE_COLUMNS, {})))
+            writer.write(number, found[name])
         weights = {policy.file: policy.data for policy in job.policies.values()}
         return writer.close(beside=weights, datasheet=lambda made: datasheet(made, list(own.values())))
 

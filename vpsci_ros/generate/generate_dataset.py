@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, FORMATS
-from vpsci_ros.data.episode_block import KEPT, EpisodeBlock
-from vpsci_ros.data.parquet import arrow_schema
+from vpsci_ros.data.dataset_tables import FORMATS
+from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
@@ -147,21 +145,17 @@ def _reopen(data: Dataset, plan: DatasetPlan, parts: Parts) -> None:
     _require_whole(data)
     for name, counts in data.scenarios.items():
         scenario = plan.scenarios[counts["number"]]
-        records, rows = data.stored(name)
-        table, ends = rows.to_arrow().cast(arrow_schema(EPISODE_COLUMNS, {})), np.cumsum(records["rows"])
-        for begin in range(0, len(records) - parts.unit + 1, parts.unit):
-            own = slice(begin, begin + parts.unit)
-            first = int(ends[begin] - records["rows"][begin])
-            unit_rows = table.slice(first, int(ends[own.stop - 1]) - first)
-            if (unit := scenario.unit_from(int(records["count"][begin]))) is not None:
-                parts.write(unit, records[own], unit_rows)
+        block = data.stored(name)
+        for begin in range(0, len(block) - parts.unit + 1, parts.unit):
+            if (unit := scenario.unit_from(int(block.records["count"][begin]))) is not None:
+                parts.write(unit, block.between(begin, begin + parts.unit))
 
 
 def _resume(plan: DatasetPlan, parts: Parts) -> None:
     """Record the finished units, and name the files that are no part of this run."""
     for path, unit in parts.files(plan):
         if unit is not None and (part := parts.load(unit)) is not None:
-            plan.scenarios[unit.scenario].take(unit, _kept(part[0]))
+            plan.scenarios[unit.scenario].take(unit, int(part.kept.sum()))
         else:
             print(f"note: {path} is damaged or no part of this run, so it is not used", file=sys.stderr)
 
@@ -209,21 +203,8 @@ def _assemble(
 def _write(writer: DatasetWriter, plan: ScenarioPlan, parts: Parts) -> None:
     missing = plan.target
     for place in range(plan.units_needed() or 0):
-        part = parts.load(plan.unit(place))
-        if part is None:
+        if (block := parts.load(plan.unit(place))) is None:
             raise InvalidInput(f"{parts.path(plan.unit(place))}: damaged since it was written; generate again")
-        records, rows = part
-        records = records[: _up_to_kept(records, missing)]
-        missing -= _kept(records)
-        writer.write(plan.scenario, records, rows.slice(0, int(records["rows"].sum())))
-
-
-def _kept(records: NDArray[np.void]) -> int:
-    """Return how many of JUDGED[n] pass every filter."""
-    return int((records["reason"] == KEPT).sum())
-
-
-def _up_to_kept(records: NDArray[np.void], wanted: int) -> int:
-    """Return how many of JUDGED[n] there are up to the `wanted`th kept one, or all."""
-    places = np.flatnonzero(records["reason"] == KEPT)
-    return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(records)
+        kept = np.flatnonzero(block.kept)[:missing]
+        missing -= len(kept)
+        writer.write(plan.scenario, block if missing else block.between(0, int(kept[-1]) + 1))

@@ -1,8 +1,8 @@
-"""The parts of an unfinished dataset: an Arrow file for each finished unit of work; a stopped run resumes from them.
+"""The parts of an unfinished dataset: a file for each finished unit of work; a stopped run resumes from them.
 
 The hidden folder `.generate` in the output folder has `run.json`, the identity of the run, and the parts, each an item
-of `runs.journal`: the Arrow table of its episodes' rows as the dataset has them, with the records of all its episodes
-in the schema. The unit of a part that is damaged, or another unit's or run's, is computed again. The folder is removed
+of `runs.journal` that holds the unit's block: the number of its records, the records, and the values column by column,
+compressed. The unit of a part that is damaged, or another unit's or run's, is computed again. The folder is removed
 when the dataset is complete and its record written.
 """
 
@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_description import DESCRIPTION
-from vpsci_ros.data.episode_block import JUDGED
+from vpsci_ros.data.episode import QUANTITIES
+from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.runs.files import require_empty_folder, write_json
@@ -29,28 +29,7 @@ from vpsci_ros.runs.output_folder import FolderLock
 
 FOLDER, RUN, FINISHED = ".generate", "run.json", "generation.json"
 WANTED = "kept_wanted"  # of the identity of a run: kept episodes by scenario
-_RECORDS = b"records"  # key of the schema's metadata
-
-
-def write_part(path: Path, records: NDArray[np.void], rows: pa.Table, bound: bytes) -> None:
-    """Write the part of a unit: its episodes, in the order of their numbers.
-
-    :param records: JUDGED[n]; `rows`: of the stored episodes.
-    :param bound: what the part belongs to, of which only `read_part` with equal bytes reads it.
-    """
-    rows = rows.replace_schema_metadata({_RECORDS: records.tobytes()})
-    stream = pa.BufferOutputStream()
-    with pa.ipc.new_stream(stream, rows.schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
-        writer.write_table(rows)
-    write_item(path, bound, memoryview(stream.getvalue()))
-
-
-def read_part(path: Path, bound: bytes) -> tuple[NDArray[np.void], pa.Table] | None:
-    """Return a unit's records, JUDGED[n], and its stored rows; None if the part is missing, damaged or not `bound`."""
-    if (data := read_item(path, bound)) is None:
-        return None
-    rows = pa.ipc.open_stream(data).read_all()
-    return np.frombuffer(rows.schema.metadata[_RECORDS], JUDGED), rows
+_CODEC = "lz4"
 
 
 class Parts:
@@ -73,25 +52,32 @@ class Parts:
     def _bound(self, unit: Unit) -> bytes:
         return f"{self.run} {unit.scenario} {unit.numbers[0]} {len(unit.numbers)}".encode()
 
-    def write(self, unit: Unit, records: NDArray[np.void], rows: pa.Table) -> None:
-        """Write the part of a unit, see `write_part`."""
-        write_part(self.path(unit), records, rows, self._bound(unit))
+    def write(self, unit: Unit, block: EpisodeBlock) -> None:
+        """Write the part of a unit: its episodes, in the order of their numbers, with float32 values."""
+        values = pa.compress(block.values.tobytes("F"), _CODEC, asbytes=True)
+        data = len(block).to_bytes(8, "little") + block.records.tobytes() + values
+        write_item(self.path(unit), self._bound(unit), data)
 
     def path(self, unit: Unit) -> Path:
         """Return the path of a unit's part."""
-        return self.folder / f"{unit.scenario}-{unit.numbers[0]:010d}.arrow"
+        return self.folder / f"{unit.scenario}-{unit.numbers[0]:010d}.block"
 
-    def load(self, unit: Unit) -> tuple[NDArray[np.void], pa.Table] | None:
-        """Return a unit's records and rows; None if it is unfinished or its part damaged; a damaged part is removed."""
-        if (part := read_part(self.path(unit), self._bound(unit))) is None:
+    def load(self, unit: Unit) -> EpisodeBlock | None:
+        """Return a unit's block; None if it is unfinished or its part damaged; a damaged part is removed."""
+        if (data := read_item(self.path(unit), self._bound(unit))) is None:
             self.path(unit).unlink(missing_ok=True)
-        return part
+            return None
+        end = 8 + int.from_bytes(data[:8], "little") * JUDGED.itemsize
+        records = np.frombuffer(data[8:end], JUDGED)
+        size = int(records["rows"].sum()) * len(QUANTITIES)
+        values = pa.decompress(pa.py_buffer(data[end:]), 4 * size, _CODEC)
+        return EpisodeBlock(records, np.frombuffer(values, np.float32).reshape(len(QUANTITIES), -1).T)
 
     def files(self, plan: DatasetPlan) -> Iterator[tuple[Path, Unit | None]]:
         """Yield each file among the parts with its unit in a plan; None: it is no part of this run."""
         for path in sorted(self.folder.iterdir()):
             if path.name != RUN and not path.name.startswith("."):
-                name = re.fullmatch(r"(\d+)-(\d{10})\.arrow", path.name)
+                name = re.fullmatch(r"(\d+)-(\d{10})\.block", path.name)
                 scenario = plan.scenarios.get(int(name[1])) if name else None
                 yield path, scenario.unit_from(int(name[2])) if name and scenario else None
 

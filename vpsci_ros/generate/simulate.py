@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_tables import arrow_rows
 from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames, concat_blocks
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 from vpsci_ros.errors import VpsciError
@@ -103,7 +102,7 @@ def storing(job: Job, batch: int, parts: Parts, place: Place) -> Callable[[Unit]
 
     def store(unit: Unit) -> int:
         block = simulator(unit)
-        here.write(unit, block.records, arrow_rows(block))
+        here.write(unit, block)
         return int(np.count_nonzero(block.kept))
 
     return store

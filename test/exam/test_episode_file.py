@@ -8,12 +8,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from vpsci_ros.data.dataset import write_episodes
-from vpsci_ros.data.dataset_reader import EpisodeFile
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, TABLE_7
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.episode_block import EpisodeBlock, concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.result import EpisodeFile, write_episodes
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
