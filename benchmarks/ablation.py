@@ -5,9 +5,10 @@
 
 Stage 2 has 1,200 episodes, from the weights of a whole stage 1. A line for each arm and seed: collisions and goals on
 the road in the validation world, the mean of its last two measurements (some 340 critical episodes each, on which
-nothing was chosen), and the closed-loop ADE on held-out clips. The first two lines are controls: agents without any
-reaction (for the error: with the last velocity repeated), and the weights of stage 1. `front.png` shows all arms. An
-arm that the output folder holds is not repeated. Some five minutes of a core for each arm and seed.
+nothing was chosen), the closed-loop ADE on held-out clips, and the Brier score of who goes first on right_turns/dev.
+The first two lines are controls: agents without any reaction (for the error: with the last velocity repeated), and the
+weights of stage 1. `front.png` shows all arms. An arm that the output folder holds is not repeated. Some five minutes
+of a core for each arm and seed.
 """
 
 import argparse
@@ -25,12 +26,18 @@ import polars as pl
 
 from vpsci_ros.cli.options import read_sections, site_of
 from vpsci_ros.cli.stage_inputs import stage_2_inputs
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.evaluation.onsets import find_onsets
+from vpsci_ros.evaluation.simulators import policy as simulator
+from vpsci_ros.evaluation.simulators import tracked
+from vpsci_ros.extras.paper.realism.order import likeness
 from vpsci_ros.learning import closed_loop
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.online import LOG, refine, validation_rates
 from vpsci_ros.learning.training_config import RefineConfig
-from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.report.canvas import new_figure, save_png
+from vpsci_ros.resources import TO_MEASURE_ON
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.workers import Place, Work, computed
@@ -82,8 +89,14 @@ ARMS = {
 }
 
 
+def brier(weights: Weights | None) -> float:
+    """Return the Brier score of who goes first on `TO_MEASURE_ON`; None: no reaction."""
+    onsets = find_onsets(read_near_misses(TO_MEASURE_ON))
+    return likeness(tracked if weights is None else simulator(weights, 0), onsets)[0]
+
+
 def controls(stage_1: Path) -> list[tuple[str, list[float], float]]:
-    """Return name, rates (`RATES`) and number of critical episodes of no reaction and of stage 1."""
+    """Return name, rates (`RATES`), Brier score and number of critical episodes of no reaction and of stage 1."""
     settings = [f"learner.weights={stage_1}", f"world_simulator.episodes={EPISODES}"]
     _, _, simulation, *_ = stage_2_inputs(read_sections(PARAMS, settings))
     rows, weights = [], load_weights(stage_1)
@@ -91,7 +104,8 @@ def controls(stage_1: Path) -> list[tuple[str, list[float], float]]:
         rates = validation_rates(simulation, policy) | {
             "held_out_closed_loop_ade": weights.facts["held_out"][errors]["closed_loop_ade"]
         }
-        rows.append((name, [rates[rate] for rate in RATES], rates["validation_critical_episodes"]))
+        own = [*(rates[rate] for rate in RATES), brier(policy)]
+        rows.append((name, own, rates["validation_critical_episodes"]))
     return rows
 
 
@@ -126,7 +140,7 @@ def main() -> None:
     stage_1, site = given.weights.absolute(), site_of(given.workers, given.cluster, mixed_cpus=False)
     print(f"stage 1: {sha256(given.weights)[:12]}; {software_versions()}")
     points = []
-    print(f"{'arm':>24} seed  collisions  goals  closed-loop ADE [m]  validation episodes")
+    print(f"{'arm':>24} seed  collisions  goals  closed-loop ADE [m]  Brier  validation episodes")
     for name, rates, counted in controls(given.weights):
         print(line(name, "-", rates, counted), flush=True)
     arms = [(name, seed) for name in given.arms for seed in given.seeds]
@@ -143,6 +157,7 @@ def main() -> None:
             log = pl.read_csv(given.output / f"{name}_{seed}" / LOG)
             last = log.filter(pl.col("validation_collision_rate").is_not_null()).tail(LAST)
             rates = [float(rate) for rate in last.select(RATES).mean().row(0)]
+            rates.append(brier(load_weights(given.output / f"{name}_{seed}" / stage_2.WEIGHTS)))
             print(line(name, seed, rates, float(last["validation_critical_episodes"].sum())), flush=True)
             points.append((name, 100.0 * rates[0], rates[2]))
     save_front(points, given.output / "front.png")
@@ -150,8 +165,9 @@ def main() -> None:
 
 def line(name: str, seed: object, rates: Sequence[float], counted: float) -> str:
     """Return a line of the table."""
-    collisions, goals, error = rates
-    return f"{name:>24} {seed:>4} {100.0 * collisions:10.1f}% {100.0 * goals:5.1f}% {error:20.2f} {counted:20.0f}"
+    collisions, goals, error, order = rates
+    shares = f"{name:>24} {seed:>4} {100.0 * collisions:10.1f}% {100.0 * goals:5.1f}%"
+    return f"{shares} {error:20.2f} {order:6.2f} {counted:20.0f}"
 
 
 def save_front(points: list[tuple[str, float, float]], path: Path) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.onsets import Onsets
 from vpsci_ros.evaluation.roll_out_scores import energy_score
+from vpsci_ros.evaluation.simulators import Simulator, tracked
 from vpsci_ros.evaluation.statistics import interval
 from vpsci_ros.extras.paper.realism.motion import directions, with_onset
 from vpsci_ros.safety import clearance, who_goes_first
@@ -36,6 +37,12 @@ def scores(positions: Floats, onsets: Onsets, agent: str = "") -> Scores:
         "crps": crps(near, recorded[:, 0]),
         "contact": (near <= 0.0).mean(axis=1),
     }
+
+
+def likeness(simulate: Simulator, onsets: Onsets) -> tuple[float, float]:
+    """Return the mean Brier score, and the mean energy score as a ratio to constant velocity's."""
+    own, still = (scores(by(onsets), onsets) for by in (simulate, tracked))
+    return float(np.nanmean(own["brier"])), float(own["energy"].mean() / still["energy"].mean())
 
 
 def crps(values: Floats, recorded: Floats) -> Floats:

@@ -50,7 +50,7 @@ def compare_models(
 
     The layout is that of `errors.evaluate`. Each model also has `parameters` (of both actors), `training_seconds` (of
     CPU, one training), `step_microseconds` (of CPU, both actors, one interaction among those of a fold), `people` (a
-    part of `SameStart.measure`: energy score, minADE6, likelihood, classifier), with `hybrid` `world`
+    subset of `vpsci realism`: energy score, Brier score, likelihood, classifier), with `hybrid` `world`
     (`shares_of_ends`; also of the controls `constant_velocity` and, by untrained networks, `fading_acceleration`),
     and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
     with 95% intervals. A training that is stopped begins again; finished ones are kept. One by reinforcement in

@@ -20,12 +20,11 @@ from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure
-from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import rolled_out
-from vpsci_ros.evaluation.statistics import cluster_counts, interval, share, units_of
-from vpsci_ros.extras.paper.min_ade import min_ade
+from vpsci_ros.evaluation.statistics import cluster_counts, share, units_of
 from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
 from vpsci_ros.extras.paper.realism.likelihood import likelihoods
+from vpsci_ros.extras.paper.realism.order import Scores, estimate, scores
 from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once
@@ -116,8 +115,7 @@ class Measuring:
             row.ends.append(once(path.parent / "world", of, partial(hybrid.ends, weights)))
         row.seconds.append(float(read_json(path.with_name(COST))["training_seconds"]))
         row.microseconds.append(_step_cost(weights, held_out))
-        known = {k: v for k, v in weights.tensors.items() if "_actor." in k and ".observation_" not in k}
-        row.parameters = sum(value.size for value in known.values())
+        row.parameters = sum(v.size for k, v in weights.tensors.items() if "_actor." in k and ".observation_" not in k)
 
     def _onsets_of(self, held_out: Interactions) -> Onsets | None:
         """Return the onsets of the clips of `held_out`; None where no track goes on for 3 s."""
@@ -151,28 +149,25 @@ class Measuring:
         assert onsets is not None
         draws = cluster_counts(onsets.units.labels, self._seed)
         positions = {name: np.concatenate(row.positions) for name, row in rows.items()}
-        energies = {name: energy_score(own, onsets.recorded) for name, own in positions.items()}
+        scored = {name: scores(own, onsets) for name, own in positions.items()}
         for name, own in positions.items():
-            models[name]["people"] = self._people(own, energies[name], onsets, draws)
-            if REFERENCE in energies:
-                value = float(energies[name].mean() / energies[REFERENCE].mean())
-                ends = interval((draws @ energies[name]) / (draws @ energies[REFERENCE]))
-                models[name]["people"][f"share_of_{REFERENCE}"] = (value, list(ends))
+            models[name]["people"] = self._people(own, scored[name], onsets, draws)
+            if REFERENCE in scored:
+                value, *ends = estimate(scored[name]["energy"], draws, scored[REFERENCE]["energy"])
+                models[name]["people"][f"share_of_{REFERENCE}"] = (value, ends)
 
-    def _people(self, positions: Floats, energies: Floats, onsets: Onsets, draws: Floats) -> dict[str, Any]:
+    def _people(self, positions: Floats, scored: Scores, onsets: Onsets, draws: Floats) -> dict[str, Any]:
         """Return a subset of what `SameStart.measure` returns, with the classifier's test once instead of ten times."""
         made = features(with_borrowed_noise(positions, onsets, self._seed), onsets)
         real = {name: value[:, 0] for name, value in features(onsets.recorded[:, None], onsets).items()}
-        units = onsets.units.labels
-        test = two_sample(real, [made], (units, units), self._seed, repetitions=1)
-        likely, size = likelihoods(positions, onsets)["all"], draws.sum(axis=1)
+        test = two_sample(real, [made], (onsets.units.labels,) * 2, self._seed, repetitions=1)
+        energy, likely = (estimate(own, draws) for own in (scored["energy"], likelihoods(positions, onsets)["all"]))
         return {
-            "roll_outs": positions.shape[1],
-            "energy_score": float(energies.mean()),
-            "energy_score_interval": list(interval(draws @ energies / size)),
-            "min_ade_6": float(min_ade(positions, onsets.recorded).mean()),
-            "likelihood": float(likely.mean()),
-            "likelihood_interval": list(interval(draws @ likely / size)),
+            "energy_score": energy[0],
+            "energy_score_interval": energy[1:],
+            "brier": estimate(scored["brier"], draws)[0],
+            "likelihood": likely[0],
+            "likelihood_interval": likely[1:],
             "c2st_auc": test.auc,
             "c2st_auc_interval": list(test.auc_interval),
         }

@@ -72,7 +72,7 @@ def _people(models: dict[str, dict[str, Any]]) -> str:
             cells[1:] = [
                 _interval(people["energy_score"], people["energy_score_interval"], 3),
                 _interval(share[0], share[1], 2) if share else "",
-                f"{people['min_ade_6']:.3f}",
+                f"{people['brier']:.3f}",
                 _interval(people["likelihood"], people["likelihood_interval"], 3),
                 _interval(people["c2st_auc"], people["c2st_auc_interval"], 2),
             ]
@@ -80,7 +80,7 @@ def _people(models: dict[str, dict[str, Any]]) -> str:
         known = "parameters" in of
         cells += [str(of["parameters"]), f"{of['training_seconds']:.0f}"] if known else ["", ""]
         rows.append([*cells, f"{of['step_microseconds']:.0f}" if known else ""])
-    heads = ["model", "energy score [m]", "of MA-SST-DDPG's", "minADE6 [m]", "likelihood", "classifier", "collisions"]
+    heads = ["model", "energy score [m]", "of MA-SST-DDPG's", "Brier", "likelihood", "classifier", "collisions"]
     more = ["of single trainings", "both goals", "parameters", "training [CPU s]", "step [CPU µs]"]
     return markdown([*heads, *more], rows)
 
