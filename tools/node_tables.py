@@ -44,32 +44,29 @@ PARAMETERS = """# Parameters
 For those who change a setting: `--set NODE.NAME=VALUE` on the command line, `-p NAME:=VALUE` of a node, or a file like
 those in `params/`. `tools/node_tables.py` writes this page from the code.
 
-A wrong name, type or range ends the command with a message. A dot marks a group (`noise: {start: 0.1}` in a file). The
-section `/**` of a file sets parameters of several nodes. "(running)": may be set while the node runs. All other values
-are constants in the code.
+A dot marks a group (`noise: {start: 0.1}` in a file). The section `/**` of a file sets parameters of several nodes.
+"(running)": may be set while the node runs.
 """
 
 NOTES = """
 ## Rules
 
-- **Namespace.** `-r __ns:=/left` gives `/left/world/state` and `/left/clock`. `/tf`, `/tf_static` and `/diagnostics`
-  stay global, with frames such as `left/vehicle/base_link`. A node of yours with `use_sim_time` needs
-  `-r /clock:=clock`.
+- **Namespace.** `-r __ns:=/left` gives `/left/world/state` and `/left/clock`; your nodes with `use_sim_time` need
+  `-r /clock:=clock`. `/tf`, `/tf_static` and `/diagnostics` stay global, with frames such as `left/vehicle/base_link`.
 - **Quality of service.** `qos_overrides./TOPIC.publisher.depth` changes a depth (also `subscription`, `history`,
   `reliability`). Recorder and learner keep all messages until they read them.
 - **Time.** No node of this package needs `use_sim_time`.
-- **Diagnostics.** Each node publishes a report every second, stamped with simulated time. WARN: the node waits. ERROR:
-  it rejected messages, or an unexpected node publishes on its topics.
+- **Diagnostics.** Each node publishes a report every second. WARN: the node waits. ERROR: it rejected messages, or an
+  unexpected node publishes on its topics.
 - **Repeatability.** On one CPU model all messages but `/diagnostics` depend on parameters, scenario files and weights
-  alone. The exceptions are missing answers, a learner, a CARLA server and an external driving system.
-- **One process.** `vpsci graph --composed` runs all nodes in one process, with an equal bag. Separate processes use
-  several cores.
-- **Odometry.** The world publishes odometry, `/tf` and `/markers` only with `batch=1`. Several pedestrians have
-  `/pedestrians/odometry`. In a graph with `perception` pedestrians have no odometry.
+  alone, unless answers are missing, or a learner, CARLA or an external driving system takes part.
+- **One process.** `vpsci graph --composed` runs all nodes in one process, with an equal bag.
+- **Odometry.** The world publishes odometry, `/tf` and `/markers` only with `batch=1`. In a graph with `perception`
+  pedestrians have no odometry.
 - **Frames.** `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle` and
   `pedestrian/base_link` (x in its walking direction).
 - **End.** `world_simulator` ends after its episodes, the `replayer` after its bag, a `learner` of stage 1 after its
-  training. The other nodes wait for the next `world_simulator` until Ctrl-C.
+  training. The other nodes wait for the next `world_simulator`.
 - **Network.** Discovery stays on this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` is set. Fast DDS reads
   `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` is set.
 """
