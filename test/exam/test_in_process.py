@@ -20,7 +20,8 @@ from vpsci_ros.exam.conduct import run_exam
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.result import FRAMES, EpisodeFile, read_result
 from vpsci_ros.exam.run import is_done, run_with
-from vpsci_ros.exam.view import open_exam, read_exam
+from vpsci_ros.exam.view import read_exam
+from vpsci_ros.extras.formats.exporters import open_exam
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.workers import ThisMachine
 

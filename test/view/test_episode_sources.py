@@ -18,7 +18,7 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_block import concat_blocks, ended_blocks
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.result import FRAMES, write_episodes
-from vpsci_ros.exam.view import open_exam
+from vpsci_ros.extras.formats.exporters import open_exam
 from vpsci_ros.view.episode_sources import open_source, read_episodes
 
 

@@ -1,14 +1,13 @@
 """An exam's episodes for the page that plays them: the driving system beside the autopilot."""
 
-import dataclasses
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, EXAM, title_of
@@ -16,7 +15,6 @@ from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.result import EpisodeFile, exam_runs
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH, contact_step
-from vpsci_ros.view.episode_sources import EpisodeSource
 from vpsci_ros.view.pack import Shown, Source
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
@@ -44,30 +42,6 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     if not found:
         raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
     return found
-
-
-def open_exam(folder: Path) -> EpisodeSource:
-    """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12".
-
-    :raises InvalidInput: no run is finished, or a file cannot be read.
-    """
-    files = [(pedestrian, EpisodeFile(path)) for pedestrian, path in exam_runs(folder) if pedestrian != ALONE]
-    listed = [_with(pedestrian, one) for pedestrian, file in files for one in file.listed]
-    if not listed:
-        raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
-
-    def read(wanted: Collection[str]) -> Iterator[Episode]:
-        for pedestrian, file in files:
-            if any(_with(pedestrian, one).name in wanted for one in file.listed):
-                for episode in file.read():
-                    if (one := _with(pedestrian, episode.listed)).name in wanted:
-                        yield dataclasses.replace(episode, listed=one)
-
-    return EpisodeSource(folder, "exam", files[0][1].period, listed, read)
-
-
-def _with(pedestrian: str, listed: Listed) -> Listed:
-    return listed._replace(name=f"{pedestrian}/{listed.name}", group=f"{pedestrian}_{listed.group}")
 
 
 def stored_episodes(folder: Path, driver: str, pedestrian: str) -> Iterator[Episode]:

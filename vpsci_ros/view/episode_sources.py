@@ -1,7 +1,7 @@
 """Episodes of a near-miss table, a dataset or a bag: listed by name, and read from disk.
 
 A dataset and a bag contain their own scenarios: an episode takes its road from there, never from another file of the
-same number. An exam's folder is a source, too (`vpsci_ros.exam.view.open_exam`).
+same number. An exam's folder is a source of exports, too (`vpsci_ros.extras.formats.exporters.open_exam`).
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence

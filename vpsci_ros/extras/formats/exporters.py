@@ -2,20 +2,22 @@
 
 import importlib
 import shutil
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput, packages_of
-from vpsci_ros.exam.view import is_exam, open_exam
+from vpsci_ros.exam.exam import ALONE
+from vpsci_ros.exam.result import EpisodeFile, exam_runs
+from vpsci_ros.exam.view import is_exam
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.runs.files import require_empty_folder
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
-from vpsci_ros.view.episode_sources import open_source
+from vpsci_ros.view.episode_sources import EpisodeSource, open_source
 
 VEHICLES = ("controllable", "trajectory")
 _UNFINISHED = ".unfinished"  # folder of an export, until it is whole
@@ -120,3 +122,27 @@ def export(
                 path.replace(target)
             shutil.rmtree(unfinished)
     return counts
+
+
+def open_exam(folder: Path) -> EpisodeSource:
+    """Return the episodes of all runs with a pedestrian; their names begin with the pedestrian's: "learned/6:12".
+
+    :raises InvalidInput: no run is finished, or a file cannot be read.
+    """
+    files = [(pedestrian, EpisodeFile(path)) for pedestrian, path in exam_runs(folder) if pedestrian != ALONE]
+    listed = [_with(pedestrian, one) for pedestrian, file in files for one in file.listed]
+    if not listed:
+        raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
+
+    def read(wanted: Collection[str]) -> Iterator[Episode]:
+        for pedestrian, file in files:
+            if any(_with(pedestrian, one).name in wanted for one in file.listed):
+                for episode in file.read():
+                    if (one := _with(pedestrian, episode.listed)).name in wanted:
+                        yield replace(episode, listed=one)
+
+    return EpisodeSource(folder, "exam", files[0][1].period, listed, read)
+
+
+def _with(pedestrian: str, listed: Listed) -> Listed:
+    return listed._replace(name=f"{pedestrian}/{listed.name}", group=f"{pedestrian}_{listed.group}")
