@@ -27,10 +27,6 @@ class ProgressOfRun(Bars):
         self._names = names
         self._before: dict[int, int] | None = None
 
-    def __enter__(self) -> "ProgressOfRun":
-        super().__enter__()
-        return self
-
     def show(self, plan: DatasetPlan) -> None:
         """Show the present state of the plan."""
         if self._before is None:  # what an earlier run had done does not count for this one's rate

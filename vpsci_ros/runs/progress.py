@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -14,6 +14,7 @@ LINE_EVERY = 10.0  # [s] between lines where there is no terminal, at first
 LATER = 0.1  # share of the time gone that passes between lines at least: every line says another time
 _WORTH = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate")
 _STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  # names of done and total
+Own = TypeVar("Own", bound="Bars")
 
 
 class Bars:
@@ -50,7 +51,7 @@ class Bars:
             disable=not console.is_terminal or quiet,
         )
 
-    def __enter__(self) -> "Bars":
+    def __enter__(self: Own) -> Own:
         self._progress.start()
         if self._lines:
             self._say(f"{self._text or 'begun'}; a line follows every {self._interval:g} s, later less often")
@@ -128,10 +129,6 @@ class StageBar(Bars):
         super().__init__(title, quiet=quiet)
         self._title = title
         self._latest: dict[str, float] = {}
-
-    def __enter__(self) -> "StageBar":
-        super().__enter__()
-        return self
 
     def show(self, report: dict[str, float], title: str = "") -> None:
         """Show the latest numbers of `pretrain` or `refine`; a new `title` starts a new bar."""
