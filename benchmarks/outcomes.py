@@ -23,8 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.outcomes import NoAcceleration, measure_outcomes, rates_with_intervals
+from vpsci_ros.evaluation.outcomes import NoAcceleration, measure_outcomes
 from vpsci_ros.evaluation.protocols import eligible
+from vpsci_ros.extras.paper.rates import rates_with_intervals
 from vpsci_ros.parameters import build
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy, load_policy

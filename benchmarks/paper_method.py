@@ -30,9 +30,10 @@ from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs, stage_2_p
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.held_out import HeldOut, held_out_by
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
-from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
+from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.simulators import policy as simulator
 from vpsci_ros.evaluation.simulators import tracked
+from vpsci_ros.extras.paper.rates import rates_with_intervals
 from vpsci_ros.extras.paper.realism.order import likeness
 from vpsci_ros.learning import networks, objectives
 from vpsci_ros.learning.online import refine

@@ -18,8 +18,8 @@ from vpsci_ros.data.episode import RECORDED, Episode, Listed
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.realism.free import as_near_misses
+from vpsci_ros.extras.paper.trajectories import draw_episode, draw_speed_bars
 from vpsci_ros.report.canvas import blank_figure, save_png
-from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
 from vpsci_ros.resources import TO_MEASURE_ON
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP

@@ -2,8 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from vpsci_ros.evaluation.outcomes import Outcomes, measure_outcomes, rates_with_intervals
+from vpsci_ros.evaluation.outcomes import Outcomes, measure_outcomes
 from vpsci_ros.evaluation.statistics import wilson_interval
+from vpsci_ros.extras.paper.rates import rates_with_intervals
 from vpsci_ros.policy.simulation_config import SimulationConfig
 from vpsci_ros.world import COLLISION, EPISODE, GOAL, RUNNING, TIMEOUT, WorldConfig, load_scenarios
 from vpsci_ros.world.state import EVENT, FINISHED, HANDED_OVER

@@ -7,9 +7,10 @@ import pytest
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.near_misses import load_corpus
 from vpsci_ros.evaluation.onsets import find_onsets
-from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
+from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.simulators import policy, tracked
+from vpsci_ros.extras.paper.rates import rates_with_intervals
 from vpsci_ros.learning.training_config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.policy_config import NetworkConfig

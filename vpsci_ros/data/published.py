@@ -22,9 +22,7 @@ TABLE_10 = {
     8: PublishedScenario(21502, 403.6, 311.2),
 }
 LEAST_CURVTTC = (1.41, 2.01, 2.83)  # [s] quartiles of the published dataset
-KS, WASSERSTEIN = 0.0149, 0.0150  # between the two; the latter in s
 REAL_LEAST_CURVTTC = (1.43, 2.01, 2.85)  # [s] quartiles of the paper's real near misses
-CRITICAL_SHARES = {"argoverse2": 0.2518, "tgsim": 0.5577}  # of interactions with CurvTTC below 5 s, section 4.2
 HOURS = 812.0
 KEPT_PER_HOUR = sum(row.kept for row in TABLE_10.values()) / HOURS  # 244
 RATES = {"collision": 0.083, "goal": 0.812}  # after stage 2, Table 5, adaptive weights

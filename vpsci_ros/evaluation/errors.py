@@ -24,7 +24,7 @@ from vpsci_ros.evaluation.protocols import (
 from vpsci_ros.evaluation.roll_out_scores import energy_score
 from vpsci_ros.evaluation.roll_out_scores import errors as roll_out_errors
 from vpsci_ros.evaluation.simulators import policy, residual_sampler, rolled_out
-from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, units_of
+from vpsci_ros.evaluation.statistics import cluster_counts, interval, units_of
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
@@ -141,15 +141,10 @@ def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: in
     }
 
 
-def share_of(errors: ProtocolErrors, reference: ProtocolErrors, units: Units, seed: int) -> Share:
-    """Return a model's ADE as a share of the reference's on the same interactions, with the 95% interval by `units`."""
-    return _share(errors, reference, cluster_counts(units.labels, seed))
-
-
 def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.float64]) -> dict[str, Any]:
     ade, fde = errors.ade.mean(axis=1), errors.fde.mean(axis=1)
     size = draws.sum(axis=1)
-    ratio, ratio_interval = _share(errors, control, draws)
+    ratio, ratio_interval = ade_share(errors, control, draws)
     return {
         "ade": float(ade.mean()),
         "fde": float(fde.mean()),
@@ -163,6 +158,10 @@ def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.
     }
 
 
-def _share(errors: ProtocolErrors, reference: ProtocolErrors, draws: NDArray[np.float64]) -> Share:
+def ade_share(errors: ProtocolErrors, reference: ProtocolErrors, draws: NDArray[np.float64]) -> Share:
+    """Return a model's ADE as a share of the reference's on the same interactions, with its 95% interval.
+
+    :param draws: float64[R, N], see `statistics.cluster_counts`.
+    """
     ade, theirs = errors.ade.mean(axis=1), reference.ade.mean(axis=1)
     return float(ade.mean() / theirs.mean()), list(interval((draws @ ade) / (draws @ theirs)))

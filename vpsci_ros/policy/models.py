@@ -3,7 +3,7 @@
 All networks get the same observations and earlier actions. They differ in the layers of the encoder, and in training.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.actor import Actor
@@ -30,14 +30,6 @@ class Model:
 
 
 MODELS = PluginGroup("vpsci_ros.networks", "network", Model, {SST: Model(SSTLayer)})
-
-
-def network_of(name: str, network: NetworkConfig) -> NetworkConfig:
-    """Return `network` with the encoder of this name.
-
-    :raises InvalidInput: no network has this name.
-    """
-    return replace(network, encoder=SST if MODELS.find(name).layer is SSTLayer else name)
 
 
 def make_actor(config: NetworkConfig, fading: float = 0.0) -> Actor:

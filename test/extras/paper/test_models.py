@@ -8,8 +8,9 @@ import torch
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.models import FeedForwardLayer, LSTMLayer, TransformerLayer
+from vpsci_ros.extras.paper.studies.networks import network_of
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.policy.models import make_actor, network_of
+from vpsci_ros.policy.models import make_actor
 from vpsci_ros.policy.policy_config import NetworkConfig
 from vpsci_ros.policy.stepped import SteppedActor
 from vpsci_ros.policy.weights import weights_from_bytes, weights_to_bytes

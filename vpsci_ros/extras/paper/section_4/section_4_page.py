@@ -10,17 +10,18 @@ import polars as pl
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_metadata
-from vpsci_ros.data.published import CRITICAL_SHARES, KS, LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10, WASSERSTEIN
+from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.published import CRITICAL_SHARES, KS, WASSERSTEIN
 from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, by_bins
 from vpsci_ros.extras.paper.section_4.comparison import SHARES, between_halves, describe, distance_between
 from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters, units_in
 from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding
 from vpsci_ros.extras.paper.section_4.table import markdown, rows_of
 from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
+from vpsci_ros.extras.paper.trajectories import save_trajectories
 from vpsci_ros.report import html
-from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
 from vpsci_ros.runs.provenance import software_versions

@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from vpsci_ros.data.published import KS, LEAST_CURVTTC, REAL_LEAST_CURVTTC, WASSERSTEIN
+from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC
+from vpsci_ros.extras.paper.published import KS, WASSERSTEIN
 from vpsci_ros.extras.paper.section_4.bins import QUESTIONS
 
 Rows = list[list[str]]

@@ -15,7 +15,7 @@ from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.errors import compare, share_of
+from vpsci_ros.evaluation.errors import ade_share, compare
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
@@ -128,7 +128,7 @@ class Measuring:
         """Return the measures of all rows in the layout of `model_comparison.compare_models`."""
         errors = {name: pooled(row.errors) for name, row in rows.items()}
         result = compare(errors, self._together, self._seed)
-        units = units_of(self._together.clip, self._together.group)
+        draws = cluster_counts(units_of(self._together.clip, self._together.group).labels, self._seed)
         for name, row in rows.items():
             of = result["models"][name]
             of["parameters"] = row.parameters
@@ -139,7 +139,7 @@ class Measuring:
             if REFERENCE in errors:
                 for protocol, values in errors[name].items():
                     reference = errors[REFERENCE][protocol]
-                    of[protocol][f"share_of_{REFERENCE}"] = share_of(values, reference, units, self._seed)
+                    of[protocol][f"share_of_{REFERENCE}"] = ade_share(values, reference, draws)
         if self._onsets is not None:
             self._add_people(rows, result["models"])
         return result

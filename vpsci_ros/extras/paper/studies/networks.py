@@ -5,6 +5,7 @@ All learn from the same near misses in the same number of updates: by supervisio
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -16,8 +17,9 @@ from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.learning.training_config import PretrainConfig
-from vpsci_ros.policy.models import MODELS, network_of
-from vpsci_ros.policy.policy_config import NetworkConfig
+from vpsci_ros.policy.models import MODELS
+from vpsci_ros.policy.policy_config import SST, NetworkConfig
+from vpsci_ros.policy.sst import SSTLayer
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS, STEP
 
@@ -29,6 +31,14 @@ Update = Callable[[Batch, int, np.random.Generator], dict[str, float]]
 def by_reinforcement(name: str) -> bool:
     """Return whether the model of this name is trained by the policy gradient of critics."""
     return MODELS.find(name).learning.endswith("ddpg")
+
+
+def network_of(name: str, network: NetworkConfig) -> NetworkConfig:
+    """Return `network` with the encoder of this name.
+
+    :raises InvalidInput: no network has this name.
+    """
+    return replace(network, encoder=SST if MODELS.find(name).layer is SSTLayer else name)
 
 
 def untrained(name: str, network: NetworkConfig, seed: int) -> Networks:

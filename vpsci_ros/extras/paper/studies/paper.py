@@ -26,11 +26,11 @@ from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, re
 from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save_nearness, save_yielding
 from vpsci_ros.extras.paper.section_4.snapshots import save_snapshots
 from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
+from vpsci_ros.extras.paper.trajectories import save_trajectories
 from vpsci_ros.learning import online
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png, show_all
 from vpsci_ros.report.learning import draw_rewards, read_log
-from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground
 from vpsci_ros.runs.files import require_empty_folder, write_text
 from vpsci_ros.world import Scenario

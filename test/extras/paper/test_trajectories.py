@@ -11,9 +11,9 @@ from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper import trajectories as figures
 from vpsci_ros.extras.paper.section_4.typical_episodes import typical_episodes
-from vpsci_ros.report import trajectories as figures
-from vpsci_ros.report.trajectories import BLUES
+from vpsci_ros.extras.paper.trajectories import BLUES
 from vpsci_ros.world import load_scenarios
 
 
