@@ -33,7 +33,7 @@ def opened(browser: Any, path: Path, address: str = "", **context: Any) -> Itera
     said: list[str] = []
     tab = browser.new_context(**{"offline": True, "viewport": {"width": 1300, "height": 850}} | context)
     page = tab.new_page()
-    page.set_default_timeout(10_000)
+    page.set_default_timeout(120_000)
     page.on("console", lambda message: said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.on("request", lambda request: request.url.startswith(("file:", "blob:", "data:")) or said.append(request.url))
