@@ -16,7 +16,7 @@ function ordinariness(episode) {
   return away + (episode.yielded === "vehicle" ? 0 : 100) + (["goal", "recorded"].includes(episode.outcome) ? 0 : 200);
 }
 const SORTS = {
-  telling: { title: "telling ones first", order: (a, b) => ordinariness(a) - ordinariness(b) },
+  telling: { title: "typical first", order: (a, b) => ordinariness(a) - ordinariness(b) },
   worst: { title: "worst first", order: (a, b) => severity(a) - severity(b) },
   source: { title: "as in the source", order: () => 0 },
   least: { title: "least CurvTTC first", order: (a, b) => (a.least ?? Infinity) - (b.least ?? Infinity) || 0 },
@@ -44,7 +44,7 @@ function chosen(source, filter, sort) {
 }
 
 function seconds(value) {
-  return value === null || !Number.isFinite(value) ? "none" : `${value.toFixed(2)} s`;
+  return value === null || !Number.isFinite(value) ? "none" : `${value.toFixed(2)}\u00a0s`;
 }
 
 // Scenario names as people say them: "A, S-N"; the recording's name else.

@@ -101,7 +101,7 @@ class Page {
     fillSelect($("b"), [["", "nothing"], ...titled(sources.filter((one) => one !== source))], this.other?.key ?? "");
     fillSelect($("group"), every(source.groups, "all places"), filter.group);
     fillSelect($("outcome"), every(source.episodes.map((e) => e.outcome), "all outcomes"), filter.outcome);
-    fillSelect($("yielded"), every(source.episodes.map((e) => e.yielded), "whoever yields"), filter.yielded);
+    fillSelect($("yielded"), every(source.episodes.map((e) => e.yielded), "any yielding"), filter.yielded);
     const failures = source.episodes.map((e) => e.failure).filter(Boolean);
     fillSelect($("failure"), every(failures, "all failure groups"), filter.failure);
     $("failure").hidden = failures.length === 0;
