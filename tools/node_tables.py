@@ -59,7 +59,7 @@ NOTES = """
 - **Diagnostics.** Each node publishes a report every second. WARN: the node waits. ERROR: it rejected messages, or an
   unexpected node publishes on its topics.
 - **Repeatability.** On one CPU model all messages but `/diagnostics` depend on parameters, scenario files and weights
-  alone, unless answers are missing, or a learner, CARLA or an external driving system takes part.
+  alone. Exceptions: missing answers, a learner, CARLA, an external driving system.
 - **One process.** `vpsci graph --composed` runs all nodes in one process, with an equal bag.
 - **Odometry.** The world publishes odometry, `/tf` and `/markers` only with `batch=1`. In a graph with `perception`
   pedestrians have no odometry.
