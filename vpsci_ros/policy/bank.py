@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.forecast import Networks, forecasts, shapes
+from vpsci_ros.policy.forecast import ACTIONS, SITUATION, Networks, forecasts, shapes
 from vpsci_ros.policy.onset_range import LEVELS, QUANTITIES
 from vpsci_ros.policy.tensor_file import read_tensors, tensors_to_bytes
 from vpsci_ros.runs.files import atomic_write
@@ -30,8 +30,7 @@ from vpsci_ros.world.observation import to_heading_frame
 
 FAMILY = "vpsci-people"
 FORMAT = f"{FAMILY} 4"  # 3: no forecast
-SITUATION, FEATURES = 9, 8  # numbers of a situation, and of what makes it like another one
-ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
+FEATURES = 8  # numbers of what makes a situation like another one
 SLOWEST = 1.0  # [m/s] a slower vehicle steers as at this speed
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from vpsci_ros.world.compiled import kernel
 
-STEPS, ACTIONS = 30, 4  # steps of 0.1 s, and numbers of each, see `vpsci_ros.policy.bank.ACTIONS`
+STEPS = 30  # of 0.1 s
+ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
 SITUATION = 9  # numbers of a situation, see `vpsci_ros.policy.bank.situations_of`
 
 Floats = NDArray[np.float64]
