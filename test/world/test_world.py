@@ -3,6 +3,7 @@
 import itertools
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,6 +103,18 @@ def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
     expected = velocity + 0.1 * np.array([2.0 * c - 1.0 * s, 2.0 * s + 1.0 * c])
     assert [world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]] == pytest.approx(expected)
     assert world.state["vehicle_acceleration"][0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.5])
+def test_an_external_pedestrian_executes_the_configured_share_of_its_command(gain: float) -> None:
+    config = replace(AUTOPILOT, spawn="paper", pedestrian_driver="external", pedestrian_gain=gain)
+    world = World(config, SCENARIOS, [(3, 0)], 1, 1)
+    heading = float(world.state["vehicle_heading"][0])
+    velocity = np.array([world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]])
+    world.advance(calm(world), Actions(pedestrian=np.array([[2.0, 1.0]])))
+    c, s = np.cos(heading), np.sin(heading)
+    expected = velocity + gain * 0.05 * np.array([2.0 * c - 1.0 * s, 2.0 * s + 1.0 * c])
+    assert [world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]] == pytest.approx(expected)
 
 
 def test_a_missing_answer_is_reported_and_the_rule_based_driver_acts_until_the_next():

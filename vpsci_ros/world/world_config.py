@@ -38,7 +38,7 @@ class WorldConfig:
     pedestrian_driver: str = parameter("policy", "driver of the pedestrian (docs/world.md)", choices=PEDESTRIAN_DRIVERS)
     pedestrian_gain: float = parameter(
         1.0,
-        "share of the policy's acceleration that the pedestrian executes; (21)-(24) and external ones have 0.5",
+        "share of its policy's or its command's acceleration that the pedestrian executes; (21)-(24) have 0.5",
         low=0.0,
         high=1.0,
     )

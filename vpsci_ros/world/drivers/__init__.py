@@ -68,7 +68,8 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
     """Return the acceleration (ax, ay) [m/s2] that the driver intends, and whether the limit of jerk applies."""
     driver = settings.pedestrian_driver
     if driver == EXTERNAL and len(answers.pedestrian_action):
-        ax, ay = external.pedestrian(episode, answers.pedestrian_action[i, 0], answers.pedestrian_action[i, 1])
+        along, left = answers.pedestrian_action[i, 0], answers.pedestrian_action[i, 1]
+        ax, ay = external.pedestrian(episode, along, left, settings)
         return ax, ay, False
     if driver == POLICY and episode.pedestrian_held:
         ax, ay = policy.pedestrian(episode, settings)

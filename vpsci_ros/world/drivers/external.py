@@ -3,8 +3,7 @@
 from vpsci_ros.world import kinematics
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.observation import from_heading_frame
-
-GAIN = 0.5  # share of an external pedestrian's acceleration that becomes motion, (21)-(24)
+from vpsci_ros.world.spawns import gain_of
 
 
 @inlined
@@ -20,7 +19,8 @@ def vehicle(episode, along, left, keeping, settings):  # type: ignore[no-untyped
 
 
 @inlined
-def pedestrian(episode, along, left):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2], map frame: a command (vehicle's heading frame), times `GAIN`."""
+def pedestrian(episode, along, left, settings):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2], map frame: a command (vehicle's heading frame), times the gain."""
     ax, ay = from_heading_frame(episode.vehicle_heading, along, left)
-    return GAIN * ax, GAIN * ay
+    gain = gain_of(settings, episode)
+    return gain * ax, gain * ay

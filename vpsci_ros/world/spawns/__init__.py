@@ -44,7 +44,7 @@ def by_papers_rules(settings, episode):  # type: ignore[no-untyped-def]
 
 @inlined
 def gain_of(settings, episode):  # type: ignore[no-untyped-def]
-    """Return the share of a policy's acceleration that this EPISODE record's pedestrian executes, (21)-(24)."""
+    """Return the share of a policy's or a command's acceleration that the pedestrian executes, (21)-(24)."""
     return PAPERS_GAIN if by_papers_rules(settings, episode) else settings.pedestrian_gain
 
 
