@@ -21,7 +21,7 @@ from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.policy_config import PolicyConfig
 from vpsci_ros.resources import params_dir
-from vpsci_ros.view.pack import packed
+from vpsci_ros.view.view_page import packed
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 

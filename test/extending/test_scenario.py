@@ -20,7 +20,7 @@ from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
 from vpsci_ros.view.episode_sources import read_source
-from vpsci_ros.view.pack import packed
+from vpsci_ros.view.view_page import packed
 from vpsci_ros.world import load_scenarios
 
 STRAIGHT = """<OpenDRIVE><road id="1" length="80" junction="-1">

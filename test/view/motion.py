@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.data.episode import Episode, Listed
-from vpsci_ros.view.pack import FIELDS
+from vpsci_ros.view.view_page import FIELDS
 from vpsci_ros.world import Scenario
 
 

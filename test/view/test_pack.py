@@ -5,7 +5,7 @@ import base64
 import numpy as np
 from view.motion import episode
 
-from vpsci_ros.view.pack import FIELDS, FINEST, INFINITE, UNKNOWN, Shown, Source, ground, grounds, packed
+from vpsci_ros.view.view_page import FIELDS, FINEST, INFINITE, UNKNOWN, Shown, Source, ground, grounds, packed
 from vpsci_ros.world import Scenario, load_scenario
 
 

@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.view.episode_sources import read_source
-from vpsci_ros.view.pack import Source
-from vpsci_ros.view.view_page import with_unique_keys
+from vpsci_ros.view.view_page import Source, with_unique_keys
 
 
 def test_a_bag_and_chosen_episodes_of_it_are_shown(own_bag: Path) -> None:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from view.motion import episode
 
-from vpsci_ros.view.pack import FIELDS, Shown, Source, shown
-from vpsci_ros.view.view_page import write_view
+from vpsci_ros.view.view_page import FIELDS, Shown, Source, shown, write_view
 from vpsci_ros.world import load_scenario
 
 ROAD = load_scenario(1)

@@ -23,8 +23,7 @@ from vpsci_ros.runs.files import is_empty_folder, require_empty_folder
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.view.episode_sources import read_source
-from vpsci_ros.view.pack import Shown, Source, shown
-from vpsci_ros.view.view_page import write_view
+from vpsci_ros.view.view_page import Shown, Source, shown, write_view
 
 PAGE = "demo.html"
 _MADE = (PAGE, "near_misses.parquet", "dataset", "stage1", "stage2", "stage3")

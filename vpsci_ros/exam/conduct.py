@@ -37,8 +37,7 @@ from vpsci_ros.exam.view import autopilot_file, exam_sources
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.workers import HERE, Place, Site, Work, computed, mixed
-from vpsci_ros.view.pack import LIMIT
-from vpsci_ros.view.view_page import write_view
+from vpsci_ros.view.view_page import LIMIT, write_view
 
 VIEW, REPORT = "view.html", "report.html"
 

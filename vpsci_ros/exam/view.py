@@ -15,7 +15,7 @@ from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.result import EpisodeFile, exam_runs
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.safety import VEHICLE_LENGTH, contact_step
-from vpsci_ros.view.pack import Shown, Source
+from vpsci_ros.view.view_page import Shown, Source
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
 """Filter of the page -> the measure, a share of episodes, whose episodes it shows."""

@@ -23,7 +23,7 @@ from vpsci_ros.data.reference import KINDS
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
-from vpsci_ros.view.pack import LIMIT, Source, shown
+from vpsci_ros.view.view_page import LIMIT, Source, shown
 from vpsci_ros.world.observation import STEP
 
 EXPECTED = "expected a near-miss table (Parquet), the folder of a dataset, a bag or the folder of an exam"

@@ -11,8 +11,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.drive.server import Server
 from vpsci_ros.report import html
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.view.pack import ground
-from vpsci_ros.view.view_page import SCENE, inlined
+from vpsci_ros.view.view_page import SCENE, ground, inlined
 from vpsci_ros.wire.layout import PlanarMotion
 from vpsci_ros.world import Scenario
 

@@ -22,8 +22,7 @@ from vpsci_ros.extras.drive.drive_page import Page
 from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.runs.run_config import Sections
-from vpsci_ros.view.pack import Source, shown
-from vpsci_ros.view.view_page import write_view
+from vpsci_ros.view.view_page import Source, shown, write_view
 from vpsci_ros.world.tick import Actions
 
 RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it is loaded again

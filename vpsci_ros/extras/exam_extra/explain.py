@@ -20,8 +20,7 @@ from vpsci_ros.lockstep.engines import require_own
 from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.run_config import Sections
-from vpsci_ros.view.pack import LIMIT, Shown, Source, shown
-from vpsci_ros.view.view_page import write_view
+from vpsci_ros.view.view_page import LIMIT, Shown, Source, shown, write_view
 
 FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"

@@ -30,8 +30,7 @@ from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.run_config import RunConfig
 from vpsci_ros.runs.workers import Site
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.view.pack import LIMIT
-from vpsci_ros.view.view_page import write_view
+from vpsci_ros.view.view_page import LIMIT, write_view
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.drivers.autopilot import too_near
 from vpsci_ros.world.kinematics import MAX_DECELERATION

@@ -1,4 +1,4 @@
-// Episodes as `vpsci_ros.view.pack` writes them: 16-bit whole numbers in base64, unpacked when an episode is shown.
+// Episodes as `vpsci_ros.view.view_page` writes them: 16-bit whole numbers in base64, unpacked when an episode is shown.
 "use strict";
 
 const UNKNOWN = -32768, INFINITE = 32767;
