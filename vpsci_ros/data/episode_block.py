@@ -4,6 +4,7 @@ The ticks come from a `World` in this process, from messages of a running graph,
 is one buffer for the running episodes and for the ended episodes that were not taken yet.
 """
 
+import itertools
 import math
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -117,9 +118,9 @@ class EpisodeBlock:
         return as_polars(arrow_rows(self)).with_columns(pl.Series("outcome", outcomes))
 
     @cached_property
-    def _ends(self) -> NDArray[np.int64]:
-        """Row after the last one of each episode, int64[n]."""
-        return np.cumsum(self.records["rows"])
+    def _bounds(self) -> NDArray[np.int64]:
+        """First row of each episode, and the number of all rows, int64[n + 1]."""
+        return np.append(0, np.cumsum(self.records["rows"]))
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -128,8 +129,8 @@ class EpisodeBlock:
 
     def between(self, begin: int, end: int) -> "EpisodeBlock":
         """Return the episodes from the `begin`th to before the `end`th, which share this block's memory."""
-        ends = np.append(0, self._ends)
-        return replace(self, records=self.records[begin:end], values=self.values[ends[begin] : ends[end]])
+        rows = slice(self._bounds[begin], self._bounds[end])
+        return replace(self, records=self.records[begin:end], values=self.values[rows])
 
     def only(self, chosen: NDArray[np.bool_]) -> "EpisodeBlock":
         """Return the episodes where `chosen`, bool[n], is true."""
@@ -160,9 +161,10 @@ class EpisodeBlock:
 
     def motions(self) -> Iterator[tuple[Key, NDArray[np.floating[Any]]]]:
         """Yield key and values[n, T, 15] of each stored episode."""
-        for key, record, end in zip(self.keys, self.records, self._ends.tolist(), strict=True):
-            if len(rows := self.values[end - record["rows"] : end]):
-                yield key, rows.reshape(record["pedestrians"], -1, len(QUANTITIES))
+        several, bounds = self.records["pedestrians"].tolist(), itertools.pairwise(self._bounds.tolist())
+        for key, people, (begin, end) in zip(self.keys, several, bounds, strict=True):
+            if begin < end:
+                yield key, self.values[begin:end].reshape(people, -1, len(QUANTITIES))
 
     def without(self, keys: Container[Key]) -> "EpisodeBlock":
         """Return the episodes other than those of these keys."""
