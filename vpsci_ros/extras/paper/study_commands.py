@@ -132,7 +132,7 @@ def models(
     folder for each fold, with weights for --weights. The same command resumes
     a stopped study (Ctrl-C); finished trainings are not repeated.
 
-    Budgets and their cost: docs/results.md. For a test of a minute:
+    The paper's numbers: paper_stage1, --refine paper_stage2. A test of a minute:
     --models sst,lstm --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run_studies import run_model_study

@@ -3,7 +3,7 @@
 Figures 4, 5, 7 to 9 and 11 to 13 and Tables 6, 7 and 10 come from a dataset, from recorded near misses, and from a
 dataset of the rule-based pair, which stands for CARLA's default controller. Figures 6 and 10 and Tables 3, 9 and 11
 are those of finished runs. Whatever was not given is named on the page, with the command that makes it. Figures 1 to 3
-and Tables 1, 2, 4 and 8 show the method, not results; Table 5 is not repeated (docs/paper.md).
+and Tables 1, 2, 4 and 8 show the method, not results; Table 5 is in docs/results.md.
 """
 
 import json
