@@ -15,9 +15,7 @@ from vpsci_ros.evaluation.outcomes import NoAcceleration
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.bank import (
-    ACTIONS,
     FEATURES,
-    SITUATION,
     Bank,
     Reactions,
     bank_from_bytes,
@@ -28,7 +26,7 @@ from vpsci_ros.policy.bank import (
 )
 from vpsci_ros.policy.choice import AGAIN, LOOKS, NEAREST, ReactionReplay
 from vpsci_ros.policy.draws import keys
-from vpsci_ros.policy.forecast import Networks, forecasts, no_networks, shapes
+from vpsci_ros.policy.forecast import ACTIONS, SITUATION, Networks, forecasts, no_networks, shapes
 from vpsci_ros.policy.make_bank import FOREIGN, actions_of, bank_of_tables, fitted
 from vpsci_ros.policy.onset_range import beyond, onsets_in, onsets_of, range_of
 from vpsci_ros.policy.people_agent import walked_in

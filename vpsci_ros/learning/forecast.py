@@ -113,7 +113,7 @@ def _situations(table: pl.DataFrame, seed: int) -> Floats:
 
 @torch.no_grad()
 def roll_outs(weights: Weights, situations: Floats) -> Floats:
-    """Return what both actors do in the 3 s after situations, float64[n, 9] -> float64[n, 30, 4], see `bank.ACTIONS`.
+    """Return what both actors do in the 3 s after situations, float64[n, 9] -> float64[n, 30, 4], see `ACTIONS`.
 
     :param situations: see `bank.situations_of`; every number is known.
     """

@@ -18,9 +18,9 @@ import numpy as np
 from numba import uint64
 from numpy.typing import NDArray
 
-from vpsci_ros.policy.bank import ACTIONS, FEATURES, SLOWEST, Reactions, features_of
+from vpsci_ros.policy.bank import FEATURES, SLOWEST, Reactions, features_of
 from vpsci_ros.policy.draws import Keys
-from vpsci_ros.policy.forecast import forecast
+from vpsci_ros.policy.forecast import ACTIONS, forecast
 from vpsci_ros.policy.reaction import CAR, CHOSEN, NOBODY, WALKER, done_after, evasion, near_after
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_REACTION, philox, unit

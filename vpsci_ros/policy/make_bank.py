@@ -18,17 +18,8 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses, split_by_name, table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.bank import (
-    ACTIONS,
-    SLOWEST,
-    Bank,
-    Reactions,
-    describe,
-    situations_of,
-    source_of,
-    with_means,
-)
-from vpsci_ros.policy.forecast import CrossFitted, no_networks
+from vpsci_ros.policy.bank import SLOWEST, Bank, Reactions, describe, situations_of, source_of, with_means
+from vpsci_ros.policy.forecast import ACTIONS, CrossFitted, no_networks
 from vpsci_ros.policy.onset_range import onsets_of, range_of
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.safety.compiled import kernel

@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.policy.bank import SITUATION, Reactions, situations_in
+from vpsci_ros.policy.bank import Reactions, situations_in
 from vpsci_ros.policy.choice import ReactionReplay
 from vpsci_ros.policy.draws import keys_of
+from vpsci_ros.policy.forecast import SITUATION
 from vpsci_ros.policy.onset_range import beyond, onsets_of
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import STEP

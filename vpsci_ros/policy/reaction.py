@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
-from vpsci_ros.policy.bank import ACTIONS, SLOWEST
-from vpsci_ros.policy.forecast import STEPS
+from vpsci_ros.policy.bank import SLOWEST
+from vpsci_ros.policy.forecast import ACTIONS, STEPS
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.kinematics import brake_for, drive, steer_to, throttle_for, walk
