@@ -73,7 +73,6 @@ def _rolled(**values: Any) -> Arm:
 ARMS = {
     "base": Arm(),
     "ddpg": _learner(objective="ddpg"),
-    **{f"policy_gradient_{weight:g}": _rolled(policy_gradient=weight) for weight in (0.1, 1.0)},
     # An offset of 100 m makes the price of nearness linear; 0.06 of it is what 6 is without.
     "linear_price": Arm(
         _rolled(contact=0.06).changed, patch=lambda: mock.patch.object(closed_loop, "NEAR_OFFSET", 100.0)

@@ -1,6 +1,6 @@
 """Kept episodes per hour, end to end with files written, the ratio to the paper's 244, and where the time goes.
 
-    python benchmarks/bench_generate.py [--weights ma_sst_ddpg] [--episodes 200] [--workers 2] [--batches]
+    python benchmarks/bench_generate.py [--weights closed_loop] [--episodes 200] [--workers 2] [--batches]
                                              [--graph] [--json FILE]
 
 `--episodes` are kept ones in each of the eight scenarios. The first part is a run of `vpsci generate` as it is. The

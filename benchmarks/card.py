@@ -118,7 +118,7 @@ def policies(rounds: int) -> list[Row]:
     from vpsci_ros.policy.weights import load_weights
     from vpsci_ros.resources import weights_path
 
-    weights = load_weights(weights_path("ma_sst_ddpg")).actor("vehicle")
+    weights = load_weights(weights_path("closed_loop")).actor("vehicle")
     flops = 2e-9 * sum(array.size for array in weights.tensors.values() if array.ndim == 2)  # of the matrices alone
     square = np.random.default_rng(0).normal(size=(1024, 1024)).astype(np.float32)
     rows = []

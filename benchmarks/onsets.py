@@ -1,6 +1,6 @@
 """How scenes begin: onsets of the world beside recorded ones, and the numbers that `world.calibration` draws from.
 
-    python benchmarks/onsets.py near_misses.parquet [--episodes 60] [--spawn human paper] [--weights ma_sst_ddpg]
+    python benchmarks/onsets.py near_misses.parquet [--episodes 60] [--spawn human paper] [--weights closed_loop]
                                      [--seed 7] [--picture docs/onsets.png]
     python benchmarks/onsets.py right_turns/train --spawn right_turns --rows vpsci_ros/recordings/onsets.csv
 

@@ -1,6 +1,6 @@
 """How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
-    python benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights people ma_sst_ddpg] [--scenarios 1 2]
+    python benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights people closed_loop] [--scenarios 1 2]
                                        [--near-misses near_misses.parquet] [--world spawn=paper episode_time=10 ...]
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. An episode goes on alike
@@ -135,7 +135,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
     parser.add_argument("--seed", type=int, default=20261125, help="of the world; another one than training had")
-    parser.add_argument("--weights", nargs="+", default=["people", "ma_sst_ddpg"], help="files or shipped names")
+    parser.add_argument(
+        "--weights", nargs="+", default=["people", "closed_loop", "ma_sst_ddpg"], help="files or shipped names"
+    )
     parser.add_argument("--scenarios", type=int, nargs="+", default=[*range(1, 9)], help="numbers")
     parser.add_argument("--world", nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the world")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")

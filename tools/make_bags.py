@@ -1,11 +1,11 @@
 #!/usr/bin/env python
 """Make bags/: small bags, recorded from the graph of nodes with the shipped policies.
 
-    tools/make_bags.py [--output bags] [--weights people] [--seed 1] [--look 50] [--only ma_sst_ddpg]
+    tools/make_bags.py [--output bags] [--weights people] [--seed 1] [--look 50] [--only closed_loop]
 
 In each scenario the first LOOK episodes of the seed are simulated, and the most telling one is recorded: the policies
 acted in it, both agents reached their goals, it was critical for a second, and its least CurvTTC is nearest to 1.5 s.
-Where no episode ends well, the nearest of the others is taken, and what is printed says so. `ma_sst_ddpg` is such a bag
+Where no episode ends well, the nearest of the others is taken, and what is printed says so. `closed_loop` is such a bag
 of scenario 1 by these agents, `learning` a bag of stage 2, in which a learner gives the policies new weights. Every bag
 but the last is then simulated again and compared. `--only NAME` makes one of them.
 """
@@ -36,10 +36,11 @@ from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 STAGE = "params/stage3_generate.yaml"
 LEARNS = "stage2_online"
 LEARNING = (  # so small that its bag is small, too; in one process the world does not run ahead of the learner
-    "graph.composed=true", "learner.weights=ma_sst_ddpg", "learner.refresh_every=1", "learner.updates_per_episode=1",
-    "world_simulator.scenarios=[1]", "world_simulator.episodes=4", "world_simulator.batch=1",
+    "graph.composed=true", "learner.weights=closed_loop", "learner.refresh_every=1", "learner.updates_per_episode=1",
+    "learner.replay.batch_size=64", "world_simulator.scenarios=[1]", "world_simulator.episodes=3",
+    "world_simulator.batch=1", "world_simulator.action_timeout=30.0",
 )  # fmt: skip
-OTHERS, LEARNED = "ma_sst_ddpg", "learning"  # names of bags; the first one also of the weights
+OTHERS, LEARNED = "closed_loop", "learning"  # names of bags; the first one also of the weights
 TELLING = 1.5  # [s] of least CurvTTC
 LONG = 20  # critical ticks that make an interaction to look at
 LARGEST = 500_000  # bytes, twice that for `learning`; chunks of 64 KiB and /tf take a third of it

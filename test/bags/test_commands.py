@@ -184,8 +184,8 @@ def test_verify_says_why_a_bag_cannot_be_simulated_again(
 def test_verify_refuses_weights_of_another_hash(own_bag: Path, tmp_path: Path) -> None:
     world = bag_run(Bag(own_bag)).parameters["world_simulator"] | {"vehicle_driver": "policy"}
     bag = changed(own_bag, tmp_path / "bag", nodes={"world_simulator": world, "vehicle_policy": {"weights": "people"}})
-    with pytest.raises(InvalidInput, match="acted by weights people of SHA-256 .*, but .*ma_sst_ddpg.safetensors has"):
-        verify_bag(bag, weights="ma_sst_ddpg")
+    with pytest.raises(InvalidInput, match="acted by weights people of SHA-256 .*, but .*closed_loop.safetensors has"):
+        verify_bag(bag, weights="closed_loop")
 
 
 # ---- export of a selection

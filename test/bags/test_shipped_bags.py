@@ -11,7 +11,7 @@ from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.scenario import scenario_files
 
 FOLDER = Path(__file__).parents[2] / "bags"
-NAMES = sorted([*(path.stem for path in scenario_files()), "ma_sst_ddpg"])
+NAMES = sorted([*(path.stem for path in scenario_files()), "closed_loop"])
 
 
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="no bags/; tools/make_bags.py makes it")

@@ -36,12 +36,12 @@ def parameters(run: Any) -> dict[str, Any]:
 
 
 def test_arguments_override_the_file_in_every_section_that_they_mean(tmp_path: Path) -> None:
-    given = {"scenarios": "1,8", "episodes": "3", "batch": "2", "weights": "ma_sst_ddpg", "namespace": "/left"}
+    given = {"scenarios": "1,8", "episodes": "3", "batch": "2", "weights": "closed_loop", "namespace": "/left"}
     run = prepare("stage3_generate", str(tmp_path / "out"), given, "world_simulator.seed=9; world_simulator.batch=64")
     values = parameters(run)
     world = values["world_simulator"]
     assert (world["scenarios"], world["episodes"], world["batch"], world["seed"]) == ([1, 8], 3, 2, 9)
-    assert values["vehicle_policy"]["weights"] == values["pedestrian_policy"]["weights"] == "ma_sst_ddpg"
+    assert values["vehicle_policy"]["weights"] == values["pedestrian_policy"]["weights"] == "closed_loop"
     assert values["recorder"]["bag"] == str(tmp_path / "out/bag")
     assert (run.namespace, run.folder) == ("/left", tmp_path / "out")
     assert run.nodes == STAGES["stage3_generate.launch.py"]

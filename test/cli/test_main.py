@@ -240,6 +240,7 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     assert set(models) == {
         "own",
         "people",
+        "closed_loop",
         "ma_sst_ddpg",
         "repeat_velocity",
         "constant_velocity",
@@ -271,11 +272,11 @@ def test_held_out_rows_of_policies_that_may_have_learned_from_the_clips_are_name
 ) -> None:
     from vpsci_ros.cli.stages import run_evaluation
 
-    table, own = read_near_misses("right_turns"), load_policy("ma_sst_ddpg")
+    table, own = read_near_misses("right_turns"), load_policy("closed_loop")
     left_out = own.facts["data"]["held_out_clips"][:3]
     part = table.filter(pl.concat_str("source", "clip", separator="/").is_in(left_out))
     write_near_misses(part, tmp_path / "part.parquet")
-    run_evaluation(tmp_path / "part.parquet", "near-misses", ["ma_sst_ddpg"], None, held_out=True)
+    run_evaluation(tmp_path / "part.parquet", "near-misses", ["closed_loop"], None, held_out=True)
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
     assert notes == ["note: people may have learned from 3 of these 3 clips, so its row is not held out"]
 

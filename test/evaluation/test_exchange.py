@@ -32,7 +32,7 @@ def speeds(positions: np.ndarray, onsets: Onsets, agent: int) -> np.ndarray:
     return np.linalg.norm(np.diff(positions[:, 0, agent], axis=1), axis=-1) / STEP
 
 
-@pytest.mark.parametrize("name", ["people", "ma_sst_ddpg"])
+@pytest.mark.parametrize("name", ["people", "closed_loop"])
 @pytest.mark.parametrize("agent", AGENTS)
 def test_the_recorded_agent_moves_as_recorded_whoever_moves_the_other_one(
     onsets: Onsets, name: str, agent: str

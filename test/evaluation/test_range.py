@@ -36,7 +36,7 @@ def test_a_source_that_the_bank_does_not_have_is_refused_before_anything_runs(co
 
 
 def test_networks_have_no_sources_and_a_graph_says_so_before_it_starts(tmp_path: Path) -> None:
-    networks = [f"{agent}_policy.weights=ma_sst_ddpg" for agent in ("vehicle", "pedestrian")]
+    networks = [f"{agent}_policy.weights=closed_loop" for agent in ("vehicle", "pedestrian")]
     with pytest.raises(InvalidInput, match="people: expected a bank for 'vci', got weights of networks"):
         graph(params=STAGE_3, output=tmp_path / "out", settings=networks, people="vci")
 

@@ -112,7 +112,10 @@ def test_a_class_that_raises_ends_the_call_with_its_place_and_traceback() -> Non
         ({"scenarios": []}, "scenarios: expected a number, a name, a file or a list, got []"),
         ({"scenarios": None}, "scenarios: expected a number, a name, a file or a list, got None"),
         ({"agents": "peopel"}, "agents: vehicle: unknown agent 'peopel'; did you mean people?"),
-        ({"agents": "random"}, "agents: vehicle: unknown agent 'random'; expected people, ma_sst_ddpg, autopilot"),
+        (
+            {"agents": "random"},
+            "agents: vehicle: unknown agent 'random'; expected people, closed_loop, ma_sst_ddpg, autopilot",
+        ),
         ({"agents": {"pedestrian": "walkr"}}, "agents: pedestrian: unknown agent 'walkr'; did you mean walker?"),
         ({"agents": {"pedestrain": "walker"}}, "agents: unknown parameter 'pedestrain'; did you mean pedestrian?"),
         ({"agents": {"pedestrian": ExampleDriver}}, "agents: pedestrian: ExampleDriver: a class drives the vehicle"),

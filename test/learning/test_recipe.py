@@ -11,11 +11,11 @@ from vpsci_ros.resources import params_dir
 
 STAGE_1 = {"closed_loop_error": 0.27900, "vehicle_critic_loss": 3.7901, "pedestrian_critic_loss": 5.2081}
 STAGE_2 = {
-    "closed_loop_near": 1.53165,
-    "closed_loop_off": 0.50359,
-    "closed_loop_late": 0.70249,
-    "closed_loop_effort": 3.34615,
-    "closed_loop_error": 0.27973,
+    "closed_loop_near": 1.43879,
+    "closed_loop_off": 0.46611,
+    "closed_loop_late": 0.35053,
+    "closed_loop_effort": 3.46681,
+    "closed_loop_error": 0.27637,
     "closed_loop_weight": 8.48966,
 }
 

@@ -33,7 +33,7 @@ def called():
 for part in PARTS.values():
     part()
 beforehand, ticks = called(), 0
-for policy in ("people", "ma_sst_ddpg"):
+for policy in ("people", "closed_loop"):
     world = World(WorldConfig(), load_scenarios([1]), [(1, number) for number in range(4)], 4, 0)
     loop, frames = Loop(world, agents=policies(load_policy(policy), world)), EpisodeFrames(4, 601)
     for step in loop:
@@ -67,7 +67,7 @@ def test_what_the_policies_need_is_compiled_once_and_a_part_that_fails_is_named_
     monkeypatch.setattr(compiling, "SIDE_BY_SIDE", [["spawn", "people"], ["network"]])
     started = partial(subprocess.Popen, ["true"], stderr=subprocess.PIPE, text=True)
     monkeypatch.setattr(compiling.subprocess, "Popen", lambda *_, **__: started())
-    networks = load_policy("ma_sst_ddpg")
+    networks = load_policy("closed_loop")
     for policies in ((), (), (networks,), (networks,)):
         compiling.compile_kernels(*policies)
     said = capfd.readouterr().err.splitlines()

@@ -397,8 +397,8 @@ def test_the_command_lists_a_bank_and_what_it_cannot_do_is_refused(
     assert "cqut: " in out
     assert "vci: " in out
     assert out.count("walking speed [m/s]") == 2
-    with pytest.raises(InvalidInput, match="ma_sst_ddpg: expected a bank"):
-        people(["ma_sst_ddpg"])
+    with pytest.raises(InvalidInput, match="closed_loop: expected a bank"):
+        people(["closed_loop"])
     with pytest.raises(InvalidInput, match="name its file by -o"):
         people(["people"], others=[tmp_path])
 
@@ -446,6 +446,6 @@ def test_a_car_that_does_not_steer_keeps_its_lane_also_where_the_lane_is_left_to
 
 def test_the_graph_keeps_the_lane_of_a_bank_and_leaves_that_of_networks_to_them(tmp_path: Path) -> None:
     sections = load(Path("stage3_generate")).changed("world_simulator", {"lane_following": False})
-    for weights, keeps in (("people", True), ("ma_sst_ddpg", False)):
+    for weights, keeps in (("people", True), ("closed_loop", False)):
         resolved = resolve(sections.changed("vehicle_policy", {"weights": weights}), tmp_path)
         assert resolved.values["world_simulator"]["lane_following"] is keeps

@@ -61,9 +61,10 @@ def simulate(
 
     :param scenarios: one or several, each a number, a name, a YAML file or a `Scenario`.
     :param agents: of both agents, or by "vehicle" and "pedestrian"; one that is left out is `people`. An agent is
-        "people", "ma_sst_ddpg", a file of weights or a bank, a `PolicyConfig` (with its seed and source), or
-        "autopilot", the rule-based pair. A pedestrian may be "walker" (that of the pair), "constant_velocity" or
-        "social_force", or an added agent; a vehicle the class of a driving system (docs/driving_systems.md).
+        "people", "closed_loop", "ma_sst_ddpg", a file of weights or a bank, a `PolicyConfig` (with its seed and
+        source), or "autopilot", the rule-based pair. A pedestrian may be "walker" (that of the pair),
+        "constant_velocity" or "social_force", or an added agent; a vehicle the class of a driving system
+        (docs/driving_systems.md).
     :param episodes: number in each scenario, from `first_episode` on.
     :param seed: of spawns and kinds, from 0 to 2^63 - 1; policies draw by the seed of their `PolicyConfig`.
     :param world: parameters of the world (docs/parameters.md), such as `spawn="paper"`, `pedestrians=2`,

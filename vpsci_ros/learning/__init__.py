@@ -16,7 +16,7 @@ In reading order:
 * `transitions`: experience for the learner: one record per policy step, made from successive states of a world
 * `assembly`: assembly of transitions from `/replay` into histories, from the first hand-over to the episode's end
 * `ragged`: histories of different length in one padded batch, encoded without most of the padding
-* `training_config`: parameters of training, in groups; the defaults are those of the shipped weights `ma_sst_ddpg`
+* `training_config`: parameters of training, in groups; the defaults are those of the shipped weights `closed_loop`
 * `refine_log`: the logs of stage 2 in the graph of nodes, written during the training, whole or not at all
 * `checkpoint`: checkpoints: the state from which a run resumes with the same result, in one safetensors file
 * `divergence`: a check that losses and reward weights are finite; otherwise the run stops

@@ -4,7 +4,7 @@ The world's kinematics are known, so an actor's action has a derivative of every
 what a critic expects: see 'Learning continuous control policies by stochastic value gradients' by Heess et al. 2015
 (https://arxiv.org/abs/1510.09142) and 'Accelerated policy learning with parallel differentiable simulation' by Xu et
 al. 2022 (https://arxiv.org/abs/2204.07137). From recorded steps the distance to the recorded positions is a loss, from
-simulated ones what is wrong with an episode: contact, leaving the lane, not going on, and effort.
+simulated ones what is wrong with an episode: contact, leaving the lane, a pedestrian that does not go on, and effort.
 
 Simulated steps come from the world and know their road (`world.road`). The roll-out differs from the world: it has one
 step of 0.1 s for two ticks, its rule-based pair goes on without regard to each other, and the policies' memory goes on
@@ -297,7 +297,8 @@ class Penalties(NamedTuple):
     :ivar near: d (d + `NEAR_OFFSET`) [m2], where the least clearance is d below the margin.
     :ivar off: distance [m] of the vehicle beyond half a metre from the middle of its lane, mean over the steps; 0 where
         the world keeps the lane.
-    :ivar late: shares of their initial speeds that both agents lack at the end, along the lane and the walker's route.
+    :ivar late: share of its initial speed that the pedestrian lacks at the end, along its route. The car may wait, as
+        people's do: with both priced the car goes first where people let the pedestrian go (docs/stage_2.md).
     :ivar effort: squared accelerations of both agents, mean over the steps [m2/s4].
     """
 
@@ -316,14 +317,12 @@ def penalties(start: Start, scenes: Sequence[Scene], actions: Sequence[Actions],
     beside = torch.stack([torch.relu(start.lane.project(scene.vehicle)[1].abs() - 0.5) for scene in own]).mean(dim=0)
     lack = torch.relu(config.margin - near)
     squares = [sum(((one[agent] ** 2).sum(dim=1) for agent in AGENTS), torch.zeros(())) for one in actions]
-    last, lane = scenes[config.steps - 1], start.lane.project(scenes[config.steps - 1].vehicle)[2]
-    drives = (last.vehicle_velocity * lane).sum(dim=1) / start.scene.vehicle_velocity.norm(dim=1).clamp(min=2.0)
     paces = start.scene.pedestrian_velocity.norm(dim=1).clamp(min=0.5, max=2.0)
-    walks = (last.pedestrian_velocity * start.way).sum(dim=1) / paces
+    walks = (scenes[config.steps - 1].pedestrian_velocity * start.way).sum(dim=1) / paces
     return Penalties(
         lack * (lack + NEAR_OFFSET),
         beside * ~start.keeps_lane,
-        torch.relu(1.0 - drives) + torch.relu(1.0 - walks),
+        torch.relu(1.0 - walks),
         torch.stack(squares[: config.steps]).mean(dim=0),
     )
 

@@ -1,9 +1,9 @@
 """One update of each stage in the order of its events, by the objectives `ddpg` and `closed_loop`.
 
-`PolicyGradient` is Algorithm 1: act, reward, critics, policy gradient, targets. With `closed_loop`, by which the
-shipped weights learned, the actors follow roll-outs through the known kinematics: in stage 1 to imitate people
-(`Imitation`), in stage 2 from simulated hand-overs to avoid contact, with the imitation as a constraint
-(`Constrained`). `replay` draws the batches. Other installed Python packages add objectives (docs/extending.md).
+`PolicyGradient` is Algorithm 1: act, reward, critics, policy gradient, targets. With `closed_loop` the actors follow no
+critics, but roll-outs through the known kinematics: in stage 1 to imitate people (`Imitation`), in stage 2 from
+simulated hand-overs to avoid contact, with the imitation as a constraint (`Constrained`). `replay` draws the batches.
+Other installed Python packages add objectives (docs/extending.md).
 
 `Maddpg` differs from Algorithm 1 in two places:
 
@@ -45,20 +45,28 @@ LEAST_VALUE = 0.05  # the policy gradient is divided by the mean |Q| of a batch,
 class UpdateResult:
     """The losses and norms of an update.
 
-    :ivar critic_loss: by agent.
-    :ivar error: |delta| in units of the reward, mean of both agents, float64[M, T], zero past the end.
+    :ivar critic_loss: by agent; error: |delta| in units of the reward, mean of both agents, float64[M, T], zero past
+        the end; empty and None if no critic learned.
     :ivar actions: of the actors before this update, float32[M, T, 2] [m/s2] by agent.
     :ivar actor_loss: -Q [reward] by agent; gradient_norm: of all that the actors followed; empty and not a number if
         they followed no critic.
     :ivar more: other losses and norms of the objective, by name.
     """
 
-    critic_loss: dict[str, float]
-    error: NDArray[np.float64]
+    critic_loss: dict[str, float] = field(default_factory=dict)
+    error: NDArray[np.float64] | None = None
     actions: Tensors = field(default_factory=dict)
     actor_loss: dict[str, float] = field(default_factory=dict)
     gradient_norm: float = math.nan
     more: dict[str, float] = field(default_factory=dict)
+
+    def losses(self) -> dict[str, float]:
+        """Return losses of critics and actors by name, and the norm of the gradient that the actors followed."""
+        losses = {f"{agent}_critic_loss": loss for agent, loss in self.critic_loss.items()}
+        if self.actor_loss:
+            losses |= {f"{agent}_actor_loss": loss for agent, loss in self.actor_loss.items()}
+            losses["gradient_norm"] = self.gradient_norm
+        return losses
 
 
 class Training(NamedTuple):
@@ -135,7 +143,10 @@ class Imitation:
         self._recorded = Recorded(training.real, config)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """Update critics, actors and targets once, see `StageObjective.update`."""
+        """Update critics, actors and targets once, see `StageObjective.update`; nobody follows the critics here.
+
+        They are for a stage 2 by `ddpg`.
+        """
         maddpg, result = self._training.maddpg, self._training.update_critics(batch, rng)  # act, reward, critics
         recorded = self._recorded.draw(rng)
         scenes = [scene for scene, _ in roll_out(maddpg.networks.actor, recorded.start, self._config.imitated_steps)]
@@ -160,10 +171,8 @@ class Constrained:
         self.optimisers = (self._weight,)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """Update critics, actors and targets once, see `StageObjective.update`."""
+        """Update the actors once, see `StageObjective.update`; the batch is for objectives with critics."""
         config, maddpg = self._config, self._training.maddpg
-        actions = maddpg.act(batch, gradient=config.policy_gradient > 0)
-        scored = self._training.rewards.score(batch, actions, rng)
         # roll-outs
         histories, start, recorded = *self._draw(rng), self._recorded.draw(rng)
         both = start.and_then(recorded.start)
@@ -178,18 +187,12 @@ class Constrained:
         loss = self._weight.value * error
         for price, part in zip((config.contact, config.lane, config.late, config.effort), bad, strict=True):
             loss = loss + price * part.mean()
-        # critics, step and targets
-        result, states = maddpg.update_critics(batch, scored, rng)
-        result.actor_loss, gradient = maddpg.policy_losses(batch, actions, states)
-        if config.policy_gradient:
-            loss = loss + config.policy_gradient * gradient
-        result.gradient_norm = maddpg.improve(loss, slower(iteration))
-        maddpg.follow()
+        # step
+        norm = maddpg.improve(loss, slower(iteration))
         self._weight.note(float(error.detach()))
-        result.more = {f"closed_loop_{name}": float(part.detach().mean()) for name, part in bad._asdict().items()}
-        result.more |= {"closed_loop_weight": self._weight.value, "closed_loop_error": self._weight.mean}
-        result.actions = actions
-        return result
+        means = {f"closed_loop_{name}": float(part.detach().mean()) for name, part in bad._asdict().items()}
+        means |= {"closed_loop_weight": self._weight.value, "closed_loop_error": self._weight.mean}
+        return UpdateResult(more=means | {"gradient_norm": norm})
 
     def _draw(self, rng: np.random.Generator) -> tuple[list[History], Start]:
         """Return simulated histories, equally many of each kind of scenes, and a step of each as a start."""

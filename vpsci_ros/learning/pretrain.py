@@ -136,12 +136,7 @@ class _Run:
         """Run one training iteration; return losses and rewards by name."""
         batch = draw_recorded(self._interactions, self._config.replay.batch_size, self.rng)
         result = self._objective.update(batch, self.episode, self.rng)
-        losses = dict(result.more)
-        for agent in AGENTS:
-            losses[f"{agent}_critic_loss"] = result.critic_loss[agent]
-            if agent in result.actor_loss:
-                losses[f"{agent}_actor_loss"] = result.actor_loss[agent]
-                losses["gradient_norm"] = result.gradient_norm
+        losses = result.more | result.losses()
         require_finite(losses, f"update {self.episode}")
         self.episode += 1
         return losses, self._episode_rewards(batch, result.actions)

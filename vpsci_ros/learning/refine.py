@@ -195,7 +195,8 @@ class Refiner:
         result = self._objective.update(batch, progress.updates, self._rng)
         self._note(result, batch)
         require_finite(progress.last, f"update {progress.updates}")
-        self._buffer.reprioritise(histories, result.error)
+        if result.error is not None:
+            self._buffer.reprioritise(histories, result.error)
         progress.updates += 1
         if progress.updates % self._config.refresh_every == 0:
             self._refresh()
@@ -324,10 +325,8 @@ class Refiner:
 
     def _note(self, result: UpdateResult, batch: Batch) -> None:
         progress = self.progress
-        last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
-        if result.actor_loss:
-            last |= {f"{agent}_actor_loss": result.actor_loss[agent] for agent in AGENTS}
-            last["gradient_norm"] = progress.norm = result.gradient_norm
+        last = result.losses()
+        progress.norm = last.get("gradient_norm", progress.norm)
         steps = batch.present.sum(dim=1)
         drawn, real = float(steps.sum()), float((steps * batch.real).sum())
         progress.drawn, progress.drawn_real = progress.drawn + drawn, progress.drawn_real + real

@@ -1,4 +1,4 @@
-"""Parameters of training, in groups; the defaults are those of the shipped weights `ma_sst_ddpg`.
+"""Parameters of training, in groups; the defaults are those of the shipped weights `closed_loop`.
 
 The paper's Table 8 and section 3.2 give most of them; a description says where a value is ours.
 """
@@ -112,11 +112,8 @@ class ClosedLoopConfig:
     lane: float = constant(
         4.0, "price of the way beyond half a metre from the lane's middle", unit="1/m", low=0, high=1e3
     )
-    late: float = constant(0.8, "price of the share of its speed that an agent lacks at the end", low=0.0, high=1e3)
+    late: float = constant(0.8, "price of the share of its speed that the pedestrian lacks at the end", low=0, high=1e3)
     effort: float = constant(0.003, "price of squared accelerations", unit="s4/m2", low=0.0, high=1e3)
-    policy_gradient: float = constant(
-        0.0, "weight of the critics' policy gradient, divided by the mean |Q|, beside all this", low=0.0, high=1e3
-    )
 
 
 @dataclass(frozen=True)

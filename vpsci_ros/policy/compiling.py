@@ -49,7 +49,7 @@ PARTS: dict[str, Callable[[], object]] = {
     "spawn": partial(_world, (1, 0), first_tick=0),
     "people": partial(_act, "people"),
     "move": _move,
-    "network": partial(_act, "ma_sst_ddpg"),
+    "network": partial(_act, "closed_loop"),
 }
 SIDE_BY_SIDE = (("spawn", "people"), ("move", "network"))  # parts of one process: two take the same time
 

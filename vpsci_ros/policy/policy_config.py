@@ -57,8 +57,8 @@ class PolicyConfig:
     agent: str = parameter(LEARNED, "learned: acts by `weights`; or the name of an added agent (docs/extending.md)")
     weights: str = parameter(
         "",
-        "bank or network weights: a safetensors file, or a shipped name (people, ma_sst_ddpg); empty: wait for weights "
-        "on /policy/weights",
+        "bank or network weights: a safetensors file, or a shipped name (people, closed_loop, ma_sst_ddpg); empty: "
+        "wait for weights on /policy/weights",
     )
     explore: bool = parameter(False, "add the exploration noise of equation (16) to the actions of a network")
     seed: int = parameter(1, "seed of the exploration noise and of the choice of reactions", low=0, high=2**63 - 1)

@@ -11,7 +11,7 @@ from vpsci_ros.policy.weights import Weights, weights_from_bytes
 from vpsci_ros.resources import weights_path
 
 Policy: TypeAlias = Bank | Weights
-SHIPPED = ("people", "ma_sst_ddpg")
+SHIPPED = ("people", "closed_loop", "ma_sst_ddpg")
 
 
 def policy_from_bytes(data: bytes, where: str = "policy") -> Policy:
@@ -24,7 +24,7 @@ def policy_from_bytes(data: bytes, where: str = "policy") -> Policy:
 
 
 def load_policy(name: str | Path) -> Policy:
-    """Read a policy: a file, or one shipped with the package by its name, `people` or `ma_sst_ddpg`.
+    """Read a policy: a file, or one shipped with the package by its name, `people`, `closed_loop` or `ma_sst_ddpg`.
 
     :raises InvalidInput: no such file, or as `policy_from_bytes`.
     """

@@ -87,7 +87,7 @@ def _draw_stage_2(
     x = _column(log, "episodes")
     for agent in AGENTS:
         _line(axes[3], x, _column(log, f"{agent}_critic_loss"), f"{agent}'s critic", COLOURS[agent])
-    _line(axes[3], x, _column(log, "gradient_norm"), "norm of the policy gradient", GREY)
+    _line(axes[3], x, _column(log, "gradient_norm"), "norm of the gradient", GREY)
     for name, colour in (("collision", ORANGE), ("goal", GREEN)):
         if f"{name}_rate" in log.columns:
             _line(axes[1], x, 100.0 * _column(log, f"{name}_rate"), name, colour)

@@ -102,8 +102,6 @@ def _reinforcement(name: str, networks: Networks, interactions: Interactions, co
     objective = find_objective(name).pretrain(training, config)
 
     def update(batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
-        result = objective.update(batch, iteration, rng)
-        critics = {f"{agent}_critic_loss": loss for agent, loss in result.critic_loss.items()}
-        return critics | {f"{agent}_actor_loss": loss for agent, loss in result.actor_loss.items()}
+        return objective.update(batch, iteration, rng).losses()
 
     return update
