@@ -44,7 +44,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     pretrained = stage_one(tmp_path / "stage1", near_misses).folder / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
 
-    world: dict[str, Any] = {"scenarios": [1, 6], "episodes": 3, "batch": 2}
+    world: dict[str, Any] = {"scenarios": [1, 6], "episodes": 3, "batch": 2, "action_timeout": 60.0}
     settings = [f"world_simulator.{name}={value}" for name, value in world.items()]
     settings += [
         f"learner.{each}" for each in (near_misses, f"weights={pretrained}", "refresh_every=2", "updates_per_episode=1")
