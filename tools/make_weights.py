@@ -8,7 +8,7 @@
 A run that is stopped goes on with the same command. A seed is that of stage 1, and of learner, world and policies in
 stage 2; equal seeds give equal files. `--install` puts the last weights of stage 2 into the package. `--paper` trains
 by `params/paper_stage1.yaml` and `paper_stage2.yaml`, each seed in a folder. Some eight minutes of one core; by the
-paper's method six at width 64, and 36 at its own two layers of 256.
+paper's method five at width 64, and 36 at its own two layers of 256.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from vpsci_ros.errors import VpsciError
 ROOT = Path(__file__).parents[1]
 NODES = ("learner", "world_simulator", "vehicle_policy", "pedestrian_policy")  # with a seed in stage 2
 MODELS = ROOT / "vpsci_ros" / "models"
+SHIPPED = {False: ("closed_loop", 64, 1), True: ("ma_sst_ddpg", 256, 2)}  # by --paper: name, hidden, layers
 
 
 def main() -> int:
@@ -36,6 +37,10 @@ def main() -> int:
     given = parser.parse_args()
     if given.install and len(given.seed) > 1:
         parser.error("--install: expected one seed")
+    name, *size = SHIPPED[given.paper]
+    if given.install and [given.hidden, given.layers] != size:
+        wanted, got = f"--hidden {size[0]} --layers {size[1]}", f"{given.hidden} and {given.layers}"
+        parser.error(f"--install: {name} has {wanted}; got {got}")
     output = given.output or Path("out", "paper" if given.paper else "weights")
     files = ("paper_stage1", "paper_stage2") if given.paper else ("stage1_pretrain", "stage2_online")
     shape = [f"learner.hidden={given.hidden}", f"learner.layers={given.layers}"]
@@ -47,8 +52,7 @@ def main() -> int:
             start = f"learner.weights={pretrained / 'pretrained.safetensors'}"
             learn("refine", files[1], refined, [start, *(f"{node}.seed={seed}" for node in NODES)])
         if given.install:
-            shipped = MODELS / ("ma_sst_ddpg.safetensors" if given.paper else "closed_loop.safetensors")
-            print(f"installed: {shutil.copy(refined / 'refined.safetensors', shipped)}")
+            print(f"installed: {shutil.copy(refined / 'refined.safetensors', MODELS / f'{name}.safetensors')}")
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

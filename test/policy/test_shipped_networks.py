@@ -47,6 +47,23 @@ def test_each_was_learned_by_its_parameter_files_and_the_papers_at_the_papers_si
     assert second == values_of(load(params_dir() / f"{files[1]}.yaml").get(RefineConfig, "learner"))
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--paper"], "ma_sst_ddpg has --hidden 256 --layers 2; got 64 and 1"),
+        (["--hidden", "256", "--layers", "2"], "closed_loop has --hidden 64 --layers 1; got 256 and 2"),
+        (["--seed", "4", "5"], "expected one seed"),
+    ],
+)
+def test_networks_of_another_size_or_of_several_seeds_are_not_installed(tool, monkeypatch, capsys, given, said):
+    module = tool("make_weights")
+    monkeypatch.setattr(module, "learn", lambda *_: pytest.fail("it began to learn"))
+    monkeypatch.setattr("sys.argv", ["make_weights.py", "--install", *given])
+    with pytest.raises(SystemExit, match="2"):
+        module.main()
+    assert said in capsys.readouterr().err
+
+
 def test_people_are_predicted_at_most_a_twentieth_worse_than_by_an_acceleration_that_fades(weights):
     """Over the 3 s after the onsets of right turns that nothing was learned from."""
     onsets = find_onsets(load_corpus(["right_turns/dev"]))
