@@ -1,4 +1,4 @@
-"""What each part of stage 2 does: one change at a time, from one stage 1, in two fifths of the budget.
+"""What each part of stage 2 does: one change at a time, from one stage 1, in a quarter of the episodes.
 
     python benchmarks/ablation.py --weights out/weights/pretrain/pretrained.safetensors [-o out/ablation]
         [--arms base no_hand_back ...] [--seeds 2 3 4] [--workers 4 | --cluster tcp://host:8786]
@@ -7,7 +7,7 @@ Stage 2 has 1,200 episodes, from the weights of a whole stage 1. A line for each
 the road in the validation world, the mean of its last two measurements (some 340 critical episodes each, on which
 nothing was chosen), the closed-loop ADE on held-out clips, and the Brier score of who goes first on right_turns/dev.
 The first two lines are controls: agents without any reaction (for the error: with the last velocity repeated), and the
-weights of stage 1. `front.png` shows all arms. An arm that the output folder holds is not repeated. Some five minutes
+weights of stage 1. `front.png` shows all arms. An arm that the output folder holds is not repeated. Some two minutes
 of a core for each arm and seed.
 """
 

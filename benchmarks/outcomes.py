@@ -5,11 +5,11 @@
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. An episode goes on alike
 whatever its limit, so the shares after 10 s are those of a limit of 10 s. `--world` sets parameters of `WorldConfig`;
-scenes by the numbers of section 3.2: spawn=paper episode_time=10 pedestrian_gain=0.5. The control is no acceleration at
-all. With several pedestrians only the shares of outcomes are printed. With near misses, also who slows down in
-these, between the first critical step and the last of those that stay critical for a second, how far pedestrians leave
-their line meanwhile, and how near people came who met so late: where an encounter begins bounds how far it can be kept
-off, and simulated ones begin later (`ONSETS`). Half a minute.
+the paper's scenes: spawn=paper episode_time=10 pedestrian_gain=0.5 release_time=0.5 lane_following=false. The control
+is no acceleration at all. With several pedestrians only the shares of outcomes are printed. With near misses, also who
+slows down in these, between the first critical step and the last of those that stay critical for a second, how far
+pedestrians leave their line meanwhile, and how near people came who met so late: where an encounter begins bounds how
+far it can be kept off, and simulated ones begin later (`ONSETS`). Half a minute.
 """
 
 import argparse

@@ -192,8 +192,8 @@ for _panel, _name, _command, _line in (
     (NODES, "node", node, "Run one node, as `ros2 run` does."),
     (LEARN, "import", import_command, "Make near misses from recordings."),
     (LEARN, "people", people, "Make a bank of recorded reactions: agents."),
-    (LEARN, "pretrain", pretrain, "Train MA-SST-DDPG on near misses (stage 1)."),
-    (LEARN, "refine", refine, "Train it further in simulation (stage 2)."),
+    (LEARN, "pretrain", pretrain, "Train networks on near misses (stage 1)."),
+    (LEARN, "refine", refine, "Train them further in simulation (stage 2)."),
     (MEASURE, "evaluate", evaluate, "Print the agents' errors on near misses (Table 9)."),
 ):
     _settings = {"allow_extra_args": True, "ignore_unknown_options": True} if _command is node else None

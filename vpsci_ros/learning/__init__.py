@@ -1,4 +1,4 @@
-"""Learning: MA-SST-DDPG from real near misses (stage 1) and in simulation (stage 2).
+"""Learning: the paper's networks from real near misses (stage 1) and in simulation (stage 2).
 
 The actors are in `policy`, recorded near misses as arrays in `data.interactions`.
 

@@ -1,5 +1,7 @@
 """Parameters of training, in groups; the defaults are those of the shipped weights `closed_loop`.
 
+Stage 1 of these weights alone has another step size of the actors: `params/stage1_pretrain.yaml`.
+
 The paper's Table 8 and section 3.2 give most of them; a description says where a value is ours.
 """
 
