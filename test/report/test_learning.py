@@ -35,3 +35,11 @@ def test_stage_1_is_drawn_while_held_out_errors_are_still_missing(tmp_path):
 def test_without_a_log_nothing_is_drawn(tmp_path):
     assert save_learning(tmp_path) is None
     assert not any(tmp_path.iterdir())
+
+
+def test_stage_2_without_a_critical_episode_is_drawn(tmp_path):
+    """`write_log` leaves an empty line where there are no rows."""
+    (tmp_path / "refine_log.csv").write_text("updates,episodes,collision_rate,goal_rate\n0,0,,\n")
+    (tmp_path / "refine_episodes.csv").write_text("\r\n")
+    picture = save_learning(tmp_path)
+    assert imread(picture).std() > 0

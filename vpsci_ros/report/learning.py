@@ -48,8 +48,9 @@ def save_learning(folder: str | Path) -> Path | None:
 
 
 def read_log(path: Path) -> pl.DataFrame:
-    """Return the table of a run's CSV file."""
-    return pl.read_csv(path.read_bytes(), infer_schema_length=None)  # polars opens paths in UTF-8 alone
+    """Return the table of a run's CSV file; empty if nothing was logged, as before a critical episode."""
+    data = path.read_bytes()  # polars opens paths in UTF-8 alone
+    return pl.read_csv(data, infer_schema_length=None) if data.strip() else pl.DataFrame()
 
 
 def draw_rewards(axis: Axes, episodes: pl.DataFrame) -> None:
