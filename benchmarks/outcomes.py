@@ -5,15 +5,17 @@
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. An episode goes on alike
 whatever its limit, so the shares after 10 s are those of a limit of 10 s. `--world` sets parameters of `WorldConfig`;
-the paper's scenes: spawn=paper episode_time=10 pedestrian_gain=0.5 release_time=0.5 lane_following=false. The control
-is no acceleration at all. With several pedestrians only the shares of outcomes are printed. With near misses, also who
-slows down in these, between the first critical step and the last of those that stay critical for a second, how far
-pedestrians leave their line meanwhile, and how near people came who met so late: where an encounter begins bounds how
-far it can be kept off, and simulated ones begin later (`ONSETS`). Half a minute.
+the paper's scenes: spawn=paper episode_time=10 pedestrian_gain=0.5 release_time=0.5 lane_following=false. Controls are
+no acceleration at all, and the acceleration of the hand-over, which fades. With several pedestrians only the shares of
+outcomes are printed. With near misses, also who slows down in these, between the first critical step and the last of
+those that stay critical for a second, how far pedestrians leave their line meanwhile, and how near people came who met
+so late: where an encounter begins bounds how far it can be kept off, and simulated ones begin later (`ONSETS`). Half a
+minute.
 """
 
 import argparse
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +32,8 @@ from vpsci_ros.parameters import build
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.policy.simulation_config import SimulationConfig
+from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.resources import weights_path
 from vpsci_ros.world import COLLISION, GOAL, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS
@@ -131,6 +135,13 @@ def recorded_slowing(interactions: Interactions) -> tuple[float, float, int]:
     return shares[0], shares[1], len(motion)
 
 
+def fading() -> Weights:
+    """Return networks that add nothing, so that the acceleration with which an agent comes goes on and fades."""
+    own = load_weights(weights_path("closed_loop"))
+    last = [f"{agent}_actor.head.4.{part}" for agent in AGENTS for part in ("weight", "bias")]
+    return replace(own, tensors=own.tensors | {name: 0.0 * own.tensors[name] for name in last})
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
@@ -158,8 +169,8 @@ def main() -> None:
     episodes = [(scenario, number) for number in range(arguments.episodes) for scenario in arguments.scenarios]
     settings = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in arguments.world)}
     world, scenarios = build(WorldConfig, settings, "--world"), load_scenarios(arguments.scenarios)
-    for name in [*arguments.weights, "no acceleration"]:
-        weights = None if name == "no acceleration" else load_policy(name)
+    controls: dict[str, Policy | None] = {"no acceleration": None, "fading acceleration": fading()}
+    for name, weights in [*((name, load_policy(name)) for name in arguments.weights), *controls.items()]:
         simulation = SimulationConfig(scenarios, episodes, 512, arguments.seed, world)
         outcomes = measure_outcomes(weights, simulation, arguments.keeping)
         row = rates_with_intervals(outcomes)

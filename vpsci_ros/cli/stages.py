@@ -69,7 +69,7 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     if not pl.read_csv((folder / LOG).read_bytes())["refreshes"][-1]:
         print(
             "note: too few episodes for a refresh of the policies (learner.refresh_every), so these acted by the "
-            "weights of stage 1 all along",
+            "weights that stage 2 began with",
             file=sys.stderr,
         )
 

@@ -94,7 +94,7 @@ def _draw_stage_2(
             _line(axes[1], x, 100.0 * _column(log, f"{name}_rate"), name, colour)
             _level(axes[1], 100.0 * RATES[name], f"{name}, the paper's at the end", colour)
     _line(axes[2], x, _column(log, "held_out_closed_loop_ade"), "mean actors", ORANGE)
-    _level(axes[2], held_out.get("stage_1", {}).get("closed_loop_ade"), "after stage 1", COLOURS["vehicle"])
+    _level(axes[2], held_out.get("stage_1", {}).get("closed_loop_ade"), "before stage 2", COLOURS["vehicle"])
     _level(axes[2], held_out.get("control", {}).get("closed_loop_ade"), "last velocity repeated", GREY)
     draw_rewards(axes[0], episodes)
     _finish(axes[1], "critical episodes under exploration, the last 1,000", _BELOW, "share [%]", zero=True)
