@@ -50,9 +50,9 @@ MOTION = ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy")
 
 def walks(ticks: int, head_start: float = 0.0, straight: float = 0.0, **given: object) -> np.ndarray:
     """Return the walkers' motion, float64[ticks, rows, 4]."""
-    starts = [float(value) for key in KEYS for value in (*key, head_start, straight)]
-    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", head_starts=starts, **given)
-    world, seen = World(config, SCENARIOS, KEYS, len(KEYS), 1), []
+    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", **given)
+    starts = dict.fromkeys(KEYS, (head_start, straight))
+    world, seen = World(config, SCENARIOS, KEYS, len(KEYS), 1, head_starts=starts), []
     for _ in range(ticks):
         seen.append(np.stack([world.state[name] for name in MOTION], axis=1))
         world.advance(world.now.unassessed())

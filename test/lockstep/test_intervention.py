@@ -1,12 +1,13 @@
 """What is changed between a driving system's command and the car: one episode at a time."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.lockstep.intervention import NOT_FORCED, Intervention, Interventions, as_parameter, from_parameter
+from vpsci_ros.lockstep.intervention import NOT_FORCED, Intervention, intervened, read_changes, write_changes
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
@@ -18,13 +19,12 @@ ONE, TWO = (1, 0), (2, 0)
 def speeds(changes: dict[tuple[int, int], Intervention], commands: Any, ticks: int = 20) -> np.ndarray:
     """Return the speeds of the cars of 1:0 and 2:0, float64[ticks, 2], under one command to both at each tick."""
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(as_parameter(changes))
     found = []
     for tick in range(ticks):
         found.append(world.state["vehicle_speed"].copy())
         command = np.tile(commands(tick), (2, 1))
         given = Actions(vehicle=command) if command.shape[1] == 2 else Actions(vehicle_control=command)
-        world.advance(world.now.unassessed(), between.applied(world.state, given))
+        world.advance(world.now.unassessed(), intervened(changes, world.state, given))
     return np.array(found)
 
 
@@ -56,8 +56,8 @@ def test_throttle_and_brake_are_changed_as_accelerations_are_and_steering_is_lef
     assert found == pytest.approx([-(0.25 * 8.88 + 1.0), 0.0, -4.44])
     command = Actions(vehicle_control=np.array([[0.3, 0.5, 0.0]] * 2))
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(as_parameter({ONE: Intervention(forced=(-8.88,))}))
-    assert between.applied(world.state, command).vehicle_control.tolist() == [[0.3, 0.0, 1.0], [0.3, 0.5, 0.0]]
+    changes = {ONE: Intervention(forced=(-8.88,))}
+    assert intervened(changes, world.state, command).vehicle_control.tolist() == [[0.3, 0.0, 1.0], [0.3, 0.5, 0.0]]
 
 
 def test_a_speed_is_held_until_the_system_brakes_firmly_and_then_let_go_for_good() -> None:
@@ -70,14 +70,17 @@ def test_a_speed_is_held_until_the_system_brakes_firmly_and_then_let_go_for_good
 
 def test_without_a_command_there_is_none_to_change() -> None:
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(as_parameter({ONE: Intervention(firmer=1.0)}))
-    assert between.applied(world.state, NO_ACTIONS) is NO_ACTIONS
+    assert intervened({ONE: Intervention(firmer=1.0)}, world.state, NO_ACTIONS) is NO_ACTIONS
 
 
-def test_a_list_comes_back_as_it_was_and_one_that_is_cut_is_refused() -> None:
+def test_changes_come_back_from_their_file_as_they_were_and_another_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "changes.json"
+    starts = {ONE: (0.1 + 0.2, -1.5), TWO: (0.0, 0.0)}
     changes = {ONE: Intervention(7, -0.5, 0.25, (-1.0, -2.0), 4.0), TWO: Intervention()}
-    numbers = as_parameter(changes)
-    assert from_parameter(numbers) == changes
-    for end in (3, 8):
-        with pytest.raises(InvalidInput, match="the list ends within the one that begins at entry 0"):
-            from_parameter(numbers[:end])
+    write_changes(path, starts, changes)
+    assert read_changes(path) == (starts, changes)
+    for text in ("{}", "[]", '{"head_starts": [[1, 0, 2.0]], "interventions": []}',
+                 '{"head_starts": [], "interventions": [[1, 0, 4, 0.0, 0.0, "hard", 0.0]]}'):  # fmt: skip
+        path.write_text(text)
+        with pytest.raises(InvalidInput, match="expected head starts and interventions as an exam writes them"):
+            read_changes(path)

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from rclpy.qos import qos_profile_sensor_data
 
 from vpsci_msgs.msg import EpisodeEvent, WorldState
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.lockstep.intervention import Intervention, as_parameter
+from vpsci_ros.lockstep.intervention import Intervention, write_changes
 from vpsci_ros.nodes.failures import ADS, never_came
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
@@ -83,9 +84,10 @@ def test_braking_by_acceleration_stops_the_vehicle_and_never_reverses_it(drive: 
     assert session.missing == 0
 
 
-def test_the_node_drives_what_an_intervention_forces(drive: Callable[..., Drive]) -> None:
-    changes = as_parameter({(1, 0): Intervention(frame=4, forced=(-4.0, -4.0))})
-    session = drive(interventions=changes, episode_time=0.5)
+def test_the_node_drives_what_an_intervention_forces(drive: Callable[..., Drive], tmp_path: Path) -> None:
+    changes = tmp_path / "changes.json"
+    write_changes(changes, {}, {(1, 0): Intervention(frame=4, forced=(-4.0, -4.0))})
+    session = drive(episode_changes=str(changes), episode_time=0.5)
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, -1.0))
     session.run()
     assert np.diff(session.speed) / 0.05 == pytest.approx([-1.0] * 4 + [-4.0] * 2 + [-1.0] * 4)

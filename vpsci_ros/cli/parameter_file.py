@@ -16,8 +16,8 @@ from vpsci_ros.runs.run_config import Sections
 SIMULATION = (
     "graph", "world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "perception", "recorder",
 )  # fmt: skip
-EXAM_SETS = ("graph.nodes", "world_simulator.batch", "world_simulator.recorded_bag", "world_simulator.vehicle_driver",
-             "world_simulator.pedestrian_driver")  # fmt: skip
+EXAM_SETS = ("graph.nodes", "world_simulator.batch", "world_simulator.episode_changes", "world_simulator.recorded_bag",
+             "world_simulator.vehicle_driver", "world_simulator.pedestrian_driver")  # fmt: skip
 
 
 class Stage(NamedTuple):

@@ -23,7 +23,7 @@ import polars as pl
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.exam.comparison import compare, compared_with, failing
 from vpsci_ros.exam.criteria import check, parse, sentence
-from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, OWN_TIMING, Exam, HeadStarts, identity_of, take_folder, title_of
+from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, OWN_TIMING, Exam, identity_of, take_folder, title_of
 from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
@@ -34,6 +34,7 @@ from vpsci_ros.exam.run import autopilot_run, is_done, run_with
 from vpsci_ros.exam.timing import Timing, head_starts, not_met, summary, timing_of
 from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.exam.view import autopilot_file, exam_sources
+from vpsci_ros.lockstep.intervention import HeadStarts
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.workers import HERE, Place, Site, Work, computed, mixed

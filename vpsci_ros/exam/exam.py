@@ -17,6 +17,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.drivers import Driver
 from vpsci_ros.exam.process import OWN, command_of, files_of, files_of_class
 from vpsci_ros.lockstep.engines import require_own
+from vpsci_ros.lockstep.intervention import HeadStarts, Intervention
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import parameter
 from vpsci_ros.policy.agent_types import AGENT_TYPES
@@ -146,8 +147,6 @@ class ExamConfig:
 _CHECKED_AGAIN = ("fail_if", "failure", "allow_standing")  # parameters that may change when an exam is checked again
 SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
-HeadStarts = Mapping[Key, tuple[float, float]]
-"""(scenario, episode) -> head start of the pedestrians, and for how long they have walked straight on since [s]."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +164,7 @@ class Exam:
     :ivar driver: context manager that replaces the driver under test, in this process and one episode at a time; it
         gets the log and the patience for an answer [s]. None: the system of `config` drives.
     :ivar head_starts: see `HeadStarts`; they come from `exam.timing`.
+    :ivar interventions: changes of the system's commands; none in an exam, which `ads-why` and `ads-protocol` change.
     :ivar motions: pedestrian -> motion that is given, of pedestrians other than `recorded`.
     """
 
@@ -182,6 +182,7 @@ class Exam:
     part: int = 0
     driver: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
     head_starts: HeadStarts = dataclasses.field(default_factory=dict)
+    interventions: Mapping[Key, Intervention] = dataclasses.field(default_factory=dict)
     motions: "Mapping[str, Motion]" = dataclasses.field(default_factory=dict)
 
     @property
@@ -248,17 +249,11 @@ class Exam:
         return dataclasses.replace(self.sections.get(PolicyConfig, "pedestrian_policy"), agent=pedestrian)
 
     def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:
-        """Return the world's configuration with one of the pedestrians and this driver of the vehicle.
-
-        A replayed pedestrian's head start is in its motion.
-        """
+        """Return the world's configuration with one of the pedestrians and this driver of the vehicle."""
         driver = "policy" if pedestrian in added_pedestrians() else DRIVERS.get(pedestrian, "replay")
         world = dataclasses.replace(self.world, vehicle_driver=vehicle)
         if driver == "replay":  # of one person each
             world = dataclasses.replace(world, pedestrians=1, crowd=CrowdConfig())
-        elif self.head_starts:
-            starts = [(*key, *self.head_starts.get(key, (0.0, 0.0))) for key in self.episodes]
-            world = dataclasses.replace(world, head_starts=[float(number) for each in starts for number in each])
         return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> "Motion":
@@ -272,11 +267,11 @@ class Exam:
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
         return recorded_people(self.people, self.spawns(), self.scenarios, world, self.run.seed, path, self.head_starts)
 
-    def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
-        """Return the states at the spawns of the exam's n episodes, EPISODE[n * P], with P pedestrians an episode."""
+    def spawns(self) -> NDArray[np.void]:
+        """Return the states at the spawns of the exam's n episodes with one pedestrian each, EPISODE[n]."""
         from vpsci_ros.exam.recorded_people import spawns
 
-        return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
+        return spawns(self.with_pedestrian(ALONE, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
 def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: Site = HERE) -> Exam:

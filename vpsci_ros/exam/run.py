@@ -13,6 +13,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,7 @@ from vpsci_ros.exam.process import class_process, command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.result import Conduct, RunResult, block_of_ticks, label_of, run_folder, write_episodes, write_result
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.lockstep.intervention import Interventions
+from vpsci_ros.lockstep.intervention import intervened, write_changes
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
@@ -93,7 +94,8 @@ def run_identity(exam: Exam, name: str) -> dict[str, Any]:
     """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
     starts = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes] if exam.head_starts else None
     own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
-    return {**own, "head_starts": starts, "exam_sha256": exam.digest}
+    changes = [[*key, *each[:3], list(each.forced), each.held] for key, each in exam.interventions.items()]
+    return {**own, "head_starts": starts, "interventions": changes, "exam_sha256": exam.digest}
 
 
 def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:
@@ -112,9 +114,9 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
         agents["pedestrian"] = agent = make_agent("pedestrian", exam.policy(pedestrian))
         if isinstance(agent, PolicyAgent):
             agent.load(exam.default, version=1)
-    world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
-    interventions = Interventions(exam.simulator.interventions) if vehicle == "external" else None
-    return Loop(world, agents, interventions=interventions)
+    starts, size = exam.head_starts, min(batch, len(episodes))
+    world = World(config, exam.scenarios, episodes, size, exam.run.seed, recorded, head_starts=starts)
+    return Loop(world, agents, intervene=partial(intervened, exam.interventions) if vehicle == "external" else None)
 
 
 def autopilot_run(exam: Exam, pedestrian: str, to: Path | None = None) -> RunResult:
@@ -277,8 +279,10 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
     config = exam.with_pedestrian(name, "external")
     world: dict[str, Any] = {"vehicle_driver": "external", "pedestrian_driver": config.pedestrian_driver, "batch": 1}
     nodes = ["world_simulator", "safety_monitor", "recorder"]
-    if config.head_starts:
-        world["head_starts"] = list(config.head_starts)
+    if exam.head_starts or exam.interventions:
+        changes = run.with_name(f"{run.name}_changes.json")
+        write_changes(changes, exam.head_starts, exam.interventions)
+        world["episode_changes"] = str(changes)
     sections = exam.sections
     if config.pedestrian_driver == "policy":
         nodes.insert(2, "pedestrian_policy")

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import OWN_TIMING, Exam, HeadStarts, title_of
+from vpsci_ros.exam.exam import OWN_TIMING, Exam, title_of
 from vpsci_ros.exam.recorded_people import FAR
+from vpsci_ros.lockstep.intervention import HeadStarts
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.safety import HORIZON, clearance
 from vpsci_ros.world import IDLE, Recorded, World, WorldConfig

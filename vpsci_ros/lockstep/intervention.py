@@ -2,23 +2,21 @@
 
 An intervention changes one episode: the speed of the car at one frame, the firmness of its braking, braking forced
 from a frame on, or its speed held until it brakes firmly, as a protocol's robot does. Pedestrians, draws and the system
-are not changed.
+are not changed. An exam gives them, with the head starts of its pedestrians, to a world in another process by a file.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.kinematics import (
-    MAX_ACCELERATION,
-    MAX_DECELERATION,
-    brake_for,
-    throttle_for,
-)
+from vpsci_ros.runs.files import write_json
+from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, brake_for, throttle_for
 from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import Actions
 
@@ -26,7 +24,10 @@ BRAKING = 1.0  # [m/s2] from which a deceleration counts as braking, as in Euro 
 _SAME = 1e-9  # [m/s] by which a speed that is held may differ from itself
 NOT_FORCED = 50.0  # [m/s2] above any command: at this frame the system drives
 RELEASED = 3.0  # [m/s2] AEB has activated when it brakes so firmly (the same definition): robots let go then
-_HEAD = 7  # numbers of an intervention before its accelerations
+
+Key = tuple[int, int]  # scenario, episode number
+HeadStarts = Mapping[Key, tuple[float, float]]
+"""(scenario, episode) -> head start of the pedestrians, and for how long they have walked straight on since [s]."""
 
 
 class Intervention(NamedTuple):
@@ -46,60 +47,50 @@ class Intervention(NamedTuple):
     held: float = 0.0
 
 
-def as_parameter(interventions: dict[tuple[int, int], Intervention]) -> list[float]:
-    """Return interventions by (scenario, episode number) as the list of the parameter `interventions`."""
-    return [
-        float(number)
-        for key, each in interventions.items()
-        for number in (*key, each.frame, each.speed, each.firmer, each.held, len(each.forced), *each.forced)
-    ]
+def write_changes(path: Path, head_starts: HeadStarts, interventions: Mapping[Key, Intervention]) -> None:
+    """Write head starts and interventions as the file that the parameter `episode_changes` names."""
+    starts, changes = ([[*key, *each] for key, each in given.items()] for given in (head_starts, interventions))
+    write_json(path, {"head_starts": starts, "interventions": changes})
 
 
-def from_parameter(numbers: Sequence[float]) -> dict[tuple[int, int], Intervention]:
-    """Return the interventions of the parameter `interventions`.
+def read_changes(path: str | Path) -> tuple[HeadStarts, dict[Key, Intervention]]:
+    """Return the head starts and interventions in a file of `write_changes`.
 
-    :raises InvalidInput: the list ends within an intervention.
+    :raises InvalidInput: it cannot be read, or is another file.
     """
-    found: dict[tuple[int, int], Intervention] = {}
-    at = 0
-    while at < len(numbers):
-        head = numbers[at : at + _HEAD]
-        forced = tuple(numbers[at + _HEAD : at + _HEAD + int(head[-1])]) if len(head) == _HEAD else ()
-        if len(head) < _HEAD or len(forced) < head[-1]:
-            raise InvalidInput(
-                f"interventions: the list ends within the one that begins at entry {at}; expected scenario, number, "
-                "frame, speed, firmer, held, a number of accelerations, and so many of them"
-            )
-        found[int(head[0]), int(head[1])] = Intervention(int(head[2]), head[3], head[4], forced, head[5])
-        at += _HEAD + len(forced)
-    return found
+    where = f"episode_changes = {path}: expected head starts and interventions as an exam writes them"
+    stored = read_json(path)
+    require_form(stored, {"head_starts": [list], "interventions": [list]}, where)
+    try:
+        starts = {(int(s), int(e)): (float(ahead), float(straight)) for s, e, ahead, straight in stored["head_starts"]}
+        changes = {
+            (int(s), int(e)): Intervention(int(frame), float(speed), float(firmer), tuple(map(float, a)), float(held))
+            for s, e, frame, speed, firmer, a, held in stored["interventions"]
+        }
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{where}, got another list ({error})") from None
+    return starts, changes
 
 
-class Interventions:
-    """The changes of a run; `numbers` is the parameter `interventions`, with the errors of `from_parameter`."""
+def intervened(interventions: Mapping[Key, Intervention], state: NDArray[np.void], actions: Actions) -> Actions:
+    """Return the changed commands of a tick, and set changed speeds in `state`, EPISODE[B].
 
-    def __init__(self, numbers: Sequence[float]) -> None:
-        self._changes = from_parameter(numbers)
-
-    def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
-        """Return the changed commands of a tick, and set changed speeds in `state`, EPISODE[B].
-
-        A missing command stays missing.
-        """
-        if not self._changes:
-            return actions
-        form = "vehicle" if actions.vehicle is not None else "vehicle_control"
-        given = getattr(actions, form)
-        values = None if given is None else given.copy()
-        for row in np.flatnonzero(state["status"] == RUNNING):
-            key = int(state["scenario"][row]), int(state["episode"][row])
-            if (change := self._changes.get(key)) is None:
-                continue
-            if change.speed and state["frame"][row] == change.frame:
-                state["vehicle_speed"][row] = max(0.0, state["vehicle_speed"][row] + change.speed)
-            if values is not None:
-                _change(values[row], state[row], change)
-        return actions if values is None else replace(actions, **{form: values})
+    A missing command stays missing.
+    """
+    if not interventions:
+        return actions
+    form = "vehicle" if actions.vehicle is not None else "vehicle_control"
+    given = getattr(actions, form)
+    values = None if given is None else given.copy()
+    for row in np.flatnonzero(state["status"] == RUNNING):
+        key = int(state["scenario"][row]), int(state["episode"][row])
+        if (change := interventions.get(key)) is None:
+            continue
+        if change.speed and state["frame"][row] == change.frame:
+            state["vehicle_speed"][row] = max(0.0, state["vehicle_speed"][row] + change.speed)
+        if values is not None:
+            _change(values[row], state[row], change)
+    return actions if values is None else replace(actions, **{form: values})
 
 
 def _change(command: NDArray[np.float64], episode: np.void, change: Intervention) -> None:

@@ -28,9 +28,8 @@ class SimulatorConfig:
         "lock_step: wait for each command; real_time: hold the last command for 0.5 s, then brake",
         choices=("lock_step", "real_time"),
     )
-    interventions: list[float] = parameter(
-        [],
-        "set by `vpsci ads-why` and `ads-protocol`: changes of the system's commands (vpsci_ros.lockstep.intervention)",
+    episode_changes: str = parameter(
+        "", "JSON file that an exam writes: head starts and interventions (vpsci_ros.lockstep.intervention)"
     )
     recorded_bag: str = parameter(
         "", "bag that the driver replay follows, with the run's scenarios and episode numbers"

@@ -19,7 +19,7 @@ from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.lockstep.counts import MISSING_ANSWERS, WorldCounts
 from vpsci_ros.lockstep.engines import ENGINES
 from vpsci_ros.lockstep.external_driver import ExternalDriver
-from vpsci_ros.lockstep.intervention import Interventions
+from vpsci_ros.lockstep.intervention import intervened, read_changes
 from vpsci_ros.lockstep.lock_step import LockStep
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.nodes.base import GraphNode
@@ -48,7 +48,7 @@ class WorldSimulator(GraphNode):
     def __init__(self, *, server: Any = None, **given: Any) -> None:
         super().__init__("world_simulator", **given)
         self._run, self._config, config = self.config(RunConfig), self.config(WorldConfig), self.config(SimulatorConfig)
-        _require_together(self._run, self._config, config, learns="learner" in self.peers)
+        _require_together(self._run, self._config, learns="learner" in self.peers)
         scenarios = load_scenarios(self._run.scenarios, self._run.scenario_files)
         compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
@@ -58,9 +58,12 @@ class WorldSimulator(GraphNode):
         engine = None if name == "vpsci" else ENGINES.find(name)
         self._server = server or (engine.connect(address, self._config.tick) if engine else None)
         make = partial(engine.world, self._server) if engine else World
-        run = self._run
-        world = make(self._config, scenarios, run.queue(), run.batch, run.seed, recorded=recorded)
-        self._loop = Loop(world, interventions=Interventions(config.interventions))
+        run, changes = self._run, config.episode_changes
+        starts, interventions = read_changes(changes) if changes else ({}, {})
+        if engine and interventions:
+            raise InvalidInput(f"engine = {name}: interventions change the car by our kinematics; leave them out")
+        world = make(self._config, scenarios, run.queue(), run.batch, run.seed, recorded, head_starts=starts)
+        self._loop = Loop(world, intervene=partial(intervened, interventions))
         self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":
@@ -256,14 +259,11 @@ class WorldSimulator(GraphNode):
         self.get_logger().info(f"ended: {totals}")
 
 
-def _require_together(run: RunConfig, world: WorldConfig, config: SimulatorConfig, *, learns: bool) -> None:
+def _require_together(run: RunConfig, world: WorldConfig, *, learns: bool) -> None:
     """Refuse parameters that do not go together.
 
-    :raises InvalidInput: interventions with an external engine, an external vehicle driver with a batch above 1, or
-        a learner with several pedestrians.
+    :raises InvalidInput: an external vehicle driver with a batch above 1, or a learner with several pedestrians.
     """
-    if config.engine != "vpsci" and config.interventions:
-        raise InvalidInput(f"engine = {config.engine}: interventions change the car by our kinematics; leave them out")
     if world.vehicle_driver == "external" and run.batch > 1:
         raise InvalidInput(f"an external vehicle driver drives one episode at a time; got batch = {run.batch}")
     if learns and world.pedestrians > 1:

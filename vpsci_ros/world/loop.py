@@ -25,20 +25,14 @@ class Agent(Protocol):
         """Return accelerations [m/s2], float[B, 2], (longitudinal, lateral); used where `assessment.acting`."""
 
 
-class Interventions(Protocol):
-    """Changes between an external driver's commands and the car: `vpsci_ros.lockstep.intervention.Interventions`."""
-
-    def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
-        """Return the actions at a tick, changed; `state`: EPISODE[B] of the tick."""
-
-
 class Loop:
     """A world with its monitor and its agents.
 
     :param agents: by "vehicle" and "pedestrian"; called at policy frames. The world keeps the lane of a vehicle whose
         agent has a true `keeps_lane`.
     :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
-    :param interventions: changes between an external driver's commands and the car; None: no change.
+    :param intervene: returns the changed actions of a tick, from its EPISODE[B] and its actions, as
+        `vpsci_ros.lockstep.intervention.intervened` does; None: no change.
     """
 
     def __init__(
@@ -47,12 +41,12 @@ class Loop:
         agents: Mapping[str, Agent] | None = None,
         *,
         always_critical: bool = False,
-        interventions: Interventions | None = None,
+        intervene: Callable[[NDArray[np.void], Actions], Actions] | None = None,
     ) -> None:
         self.world = world
         self.agents = agents or {}
         self._always_critical = always_critical
-        self._interventions = interventions
+        self._intervene = intervene
         self._assessed: tuple[Tick, Assessment] | None = None
         if getattr(self.agents.get("vehicle"), "keeps_lane", False):
             self.world.keep_lane()
@@ -99,7 +93,7 @@ class Loop:
         """
         tick = self.world.now
         state = tick.state.view(np.uint8).copy().view(tick.state.dtype)  # whole, sixty times as fast as by fields
-        if self._interventions is not None:
-            actions = self._interventions.applied(tick.state, actions)
+        if self._intervene is not None:
+            actions = self._intervene(tick.state, actions)
         events = self.world.advance(assessment, actions)
         return Step(tick=tick._replace(state=state), assessment=assessment, actions=actions, events=events)

@@ -1,7 +1,7 @@
 """The world: a batch of parallel episodes, advanced tick by tick, refilled from a queue as episodes end."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +38,8 @@ class World:
         free, so it may be an endless iterator.
     :param recorded: motion of the agents whose driver is "replay".
     :param first_tick: number of the first tick, a policy tick.
+    :param head_starts: (scenario, episode) -> the time [s] by which its pedestrians are further on than drawn, and the
+        time for which they have walked straight on since; a replayed pedestrian has none.
     :ivar now: the present tick; its state is the world's own array, valid until the next one.
     :raises InvalidInput: no scenario, two with one number, a batch below 1, a seed or an episode number out of range,
         an episode whose scenario is not given or which has no recording though one is needed.
@@ -52,6 +54,7 @@ class World:
         seed: int,
         recorded: Recorded | None = None,
         first_tick: int = 0,
+        head_starts: Mapping[tuple[int, int], tuple[float, float]] | None = None,
     ) -> None:
         if batch < 1:
             raise InvalidInput(f"batch must be at least 1, got {batch}")
@@ -76,8 +79,7 @@ class World:
         self._has_policies = "policy" in (config.vehicle_driver, config.pedestrian_driver)
         self._settings = settings_from(config)
         self._crowd = crowd_from(config)
-        given = config.head_starts
-        self._head_starts = {(int(given[i]), int(given[i + 1])): given[i + 2 : i + 4] for i in range(0, len(given), 4)}
+        self._head_starts = head_starts or {}
         self._tables = tables_from(scenarios, config.spawn)
         self._parked = parked_from(scenarios)
         self._queue: Iterator[tuple[int, int]] = iter(episodes)

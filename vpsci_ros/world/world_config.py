@@ -52,9 +52,6 @@ class WorldConfig:
         True, "true: lane keeping is added to the lateral acceleration of the policy or driving system"
     )
     pedestrians: int = parameter(1, "largest number of pedestrians in an episode", low=1, high=MOST)
-    head_starts: list[float] = parameter(
-        [], "set by an exam: scenario, number, head start [s] and time straight on [s] of each episode"
-    )
     crowd: CrowdConfig = field(default_factory=CrowdConfig)
     kinds: KindMixture = field(default_factory=KindMixture)
 
@@ -65,11 +62,6 @@ class WorldConfig:
                 raise InvalidInput(
                     f"{what} = {time} s must be a whole multiple of tick = {self.tick} s, got {ratio:g} ticks"
                 )
-        if len(self.head_starts) % 4:
-            raise InvalidInput(
-                "head_starts must hold a scenario, a number and two times for each episode, got "
-                f"{len(self.head_starts)} values"
-            )
         if len(self.crowd.sizes) > self.pedestrians:
             raise InvalidInput(
                 f"crowd.sizes gives parts for up to {len(self.crowd.sizes)} pedestrians, but pedestrians = "

@@ -20,7 +20,7 @@ from vpsci_ros.exam.view import came_first, failure_group
 from vpsci_ros.extras.exam_extra.explain import explain_exam
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
 from vpsci_ros.extras.exam_extra.why import Search
-from vpsci_ros.lockstep.intervention import NOT_FORCED, Intervention, from_parameter
+from vpsci_ros.lockstep.intervention import NOT_FORCED, Intervention
 from vpsci_ros.resources import params_dir
 
 
@@ -57,8 +57,7 @@ def changed(factor: str, amount: float, of: Episode = BRAKES) -> Exam:
 
 
 def intervention(factor: str, amount: float) -> Intervention:
-    numbers = changed(factor, amount).simulator.interventions
-    return from_parameter(numbers)[1, 7]
+    return changed(factor, amount).interventions[1, 7]
 
 
 def test_each_factor_changes_one_thing() -> None:
@@ -73,8 +72,8 @@ def test_each_factor_changes_one_thing() -> None:
 def test_frames_between_spells_of_braking_are_not_forced() -> None:
     gap = episode([5.0, 4.8, 4.6, 4.6, 4.4], [4.0, 3.0, 2.0, 1.0, 0.0])
     case = case_of(gap)._replace(braking=0)
-    numbers = FACTORS["earlier"].change(exam(), {case.key: (case, 0.0)}).simulator.interventions
-    assert from_parameter(numbers)[1, 7].forced == pytest.approx((-4.0, -4.0, NOT_FORCED, -4.0))
+    earlier = FACTORS["earlier"].change(exam(), {case.key: (case, 0.0)})
+    assert earlier.interventions[1, 7].forced == pytest.approx((-4.0, -4.0, NOT_FORCED, -4.0))
 
 
 def test_what_cannot_be_varied_says_why() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.lockstep.intervention import BRAKING, NOT_FORCED, Intervention, as_parameter
+from vpsci_ros.lockstep.intervention import BRAKING, NOT_FORCED, Intervention
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 
@@ -84,11 +84,6 @@ def case_of(episode: Episode) -> Case:
     return Case(episode.key, episode, end, onset, braking, tuple(accelerations.tolist()))
 
 
-def _intervened(exam: Exam, changes: Mapping[Key, Intervention]) -> Exam:
-    numbers = as_parameter(dict(changes))
-    return dataclasses.replace(exam, sections=exam.sections.changed("world_simulator", {"interventions": numbers}))
-
-
 def _frames(seconds: float, case: Case) -> int:
     return round(seconds / case.episode.period)
 
@@ -106,7 +101,7 @@ def _brake_earlier(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
         assert case.braking is not None
         forced = tuple(a if a <= -BRAKING else NOT_FORCED for a in case.accelerations[case.braking : case.end])
         changes[key] = Intervention(case.braking - _frames(amount, case), forced=forced)
-    return _intervened(exam, changes)
+    return dataclasses.replace(exam, interventions=changes)
 
 
 def _span_harder(case: Case, _: Exam) -> Span:
@@ -117,7 +112,9 @@ def _span_harder(case: Case, _: Exam) -> Span:
 
 
 def _brake_harder(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
-    return _intervened(exam, {key: Intervention(firmer=amount) for key, (_, amount) in cases.items()})
+    return dataclasses.replace(
+        exam, interventions={key: Intervention(firmer=amount) for key, (_, amount) in cases.items()}
+    )
 
 
 def _span_full(case: Case, _: Exam) -> Span:
@@ -127,11 +124,11 @@ def _span_full(case: Case, _: Exam) -> Span:
 
 def _brake_fully(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
     forced = {key: _frames(amount, case) for key, (case, amount) in cases.items()}
-    return _intervened(
-        exam,
-        {key: Intervention(case.end - forced[key], forced=(-MAX_DECELERATION,) * forced[key])
-         for key, (case, _) in cases.items()},
-    )  # fmt: skip
+    changes = {
+        key: Intervention(case.end - forced[key], forced=(-MAX_DECELERATION,) * forced[key])
+        for key, (case, _) in cases.items()
+    }
+    return dataclasses.replace(exam, interventions=changes)
 
 
 def _span_slower(case: Case, _: Exam) -> Span:
@@ -140,7 +137,9 @@ def _span_slower(case: Case, _: Exam) -> Span:
 
 
 def _slow_down(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
-    return _intervened(exam, {key: Intervention(case.onset, speed=-amount) for key, (case, amount) in cases.items()})
+    return dataclasses.replace(
+        exam, interventions={key: Intervention(case.onset, speed=-amount) for key, (case, amount) in cases.items()}
+    )
 
 
 def _span_latency(_: Case, exam: Exam) -> Span:

@@ -24,7 +24,7 @@ from vpsci_ros.exam.run import loop_with
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.lockstep.engines import require_own
-from vpsci_ros.lockstep.intervention import Intervention, as_parameter
+from vpsci_ros.lockstep.intervention import Intervention
 from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.run_config import RunConfig
@@ -72,12 +72,12 @@ def protocol_exam(exam: Exam, folder: Path) -> Exam:
     changed = {
         "scenarios": [cell.number for cell in cells], "scenario_files": files, "episodes": 1,
         "first_episode": 0, "only": [], "spawn": "paper", "pedestrians": 1, "episode_time": euro_ncap.EPISODE_TIME,
-        "interventions": as_parameter({(c.number, 0): Intervention(held=c.speed * euro_ncap.KMH) for c in cells}),
     }  # fmt: skip
+    held = {(cell.number, 0): Intervention(held=cell.speed * euro_ncap.KMH) for cell in cells}
     sections = dataclasses.replace(exam.sections, values={**exam.sections.values, "world_simulator": own | changed})
     run, world = sections.get(RunConfig, "world_simulator"), sections.get(WorldConfig, "world_simulator")
     scenarios = load_scenarios(run.scenarios, run.scenario_files)
-    tests = dataclasses.replace(exam, sections=sections, run=run, world=world, scenarios=scenarios)
+    tests = dataclasses.replace(exam, sections=sections, run=run, world=world, scenarios=scenarios, interventions=held)
     target = euro_ncap.motion(scenarios, tests.with_pedestrian(EURO_NCAP, "external"))
     return sealed(dataclasses.replace(tests, motions={EURO_NCAP: target}))
 
