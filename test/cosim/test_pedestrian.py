@@ -191,6 +191,7 @@ def test_a_bad_step_is_refused_and_changes_nothing(weights: Policy, bad: dict[st
         ({"route": ROUTE, "speed": 9.0}, "speed = 9.0: expected a walking speed from 0.4 to 5 m/s"),
         ({"scenario": 1, "number": 1}, "number = 1: episode 0 of seed 0 has pedestrians 0 to 0"),
         ({"route": ROUTE, "weights": "best"}, "weights 'best': expected a .safetensors file or a shipped name"),
+        ({"goal": (9.0, 0.0), "weights": "best"}, "weights 'best': expected a .safetensors file or a shipped name"),
         ({"route": ROUTE, "episode": 1.5}, "Pedestrian, episode: expected int or integer, got 1.5"),
         ({"route": ROUTE, "config": {}}, "Pedestrian, config: expected WorldConfig or NoneType, got {}"),
     ],

@@ -77,7 +77,9 @@ class Agent(Generic[State]):
             raise InvalidInput(f"speed = {self._speed!r}: expected {words}")
         drives, walks = ("policy", "external") if self._what == "vehicle" else ("external", "policy")
         self._config = replace(given["config"] or WorldConfig(), vehicle_driver=drives, pedestrian_driver=walks)
-        self._drawn = given["weights"], given["seed"], given["episode"], given["policy"]
+        weights = given["weights"]
+        own = load_policy(weights) if isinstance(weights, (str, File)) else weights
+        self._drawn = own, given["seed"], given["episode"], given["policy"]
         self._number, self._tick_time, self._left = given.get("number", 0), round(self._config.tick * 1e9), 0  # [ns]
         self._state = np.zeros(0, EPISODE)
         if scenario is not None:
@@ -86,10 +88,9 @@ class Agent(Generic[State]):
     def _make(self, scenario: Scenario, **values: float) -> None:
         """Begin the episode, with these values of fields of the state in all rows.
 
-        :raises InvalidInput: it has no such pedestrian, or as `World`, `load_policy` and the configurations.
+        :raises InvalidInput: it has no such pedestrian, or as `World` and the configurations.
         """
-        weights, seed, episode, policy = self._drawn
-        own = load_policy(weights) if isinstance(weights, (str, File)) else weights
+        own, seed, episode, policy = self._drawn
         compile_kernels(own)
         config, number = self._config, self._number
         spawned = World(config, [scenario], [(scenario.number, episode)], 1, seed).state

@@ -99,7 +99,8 @@ def _draw_stage_2(
     draw_rewards(axes[0], episodes)
     _finish(axes[1], "critical episodes under exploration, the last 1,000", _BELOW, "share [%]", zero=True)
     _finish(axes[2], "closed-loop error on held-out clips", _BELOW, "ADE [m]", zero=True)
-    _finish(axes[3], "last update of each portion", _BELOW, "loss, norm", log_scale=True)
+    what = "loss, norm" if any(f"{agent}_critic_loss" in log.columns for agent in AGENTS) else "norm"
+    _finish(axes[3], "last update of each portion", _BELOW, what, log_scale=True)
 
 
 def _held_out(weights: Path) -> dict[str, dict[str, float]]:
