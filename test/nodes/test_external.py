@@ -21,6 +21,7 @@ from vpsci_ros.lockstep.intervention import Intervention, write_changes
 from vpsci_ros.nodes.failures import ADS, never_came
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
+from vpsci_ros.world import World, WorldConfig, load_scenarios
 
 SETTINGS = {"scenarios": [1], "episodes": 1, "batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
 
@@ -32,6 +33,7 @@ class Drive(Stage):
         self.world = WorldSimulator(context=context, parameter_overrides=overrides(**SETTINGS | settings))
         super().__init__(context, self.world, SafetyMonitor(context=context), peer="ads", executor=EventsExecutor)
         self.speed: list[float] = []
+        self.walked: list[tuple[float, float]] = []
         self.kinds: Counter[int] = Counter()
         self.peer.create_subscription(WorldState, "world/state", self._on_state, 1000)
         self.peer.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
@@ -57,6 +59,7 @@ class Drive(Stage):
     def _on_state(self, message: WorldState) -> None:
         if message.status[0] != WorldState.STATUS_IDLE:
             self.speed.append(message.vehicle_speed[0])
+            self.walked.append((message.pedestrian_x[0], message.pedestrian_y[0]))
 
     def _on_event(self, message: EpisodeEvent) -> None:
         self.kinds.update(message.kind)
@@ -84,13 +87,19 @@ def test_braking_by_acceleration_stops_the_vehicle_and_never_reverses_it(drive: 
     assert session.missing == 0
 
 
-def test_the_node_drives_what_an_intervention_forces(drive: Callable[..., Drive], tmp_path: Path) -> None:
-    changes = tmp_path / "changes.json"
-    write_changes(changes, {}, {(1, 0): Intervention(frame=4, forced=(-4.0, -4.0))})
+def test_the_node_makes_the_changes_in_a_file_forced_braking_and_a_head_start(
+    drive: Callable[..., Drive], tmp_path: Path
+) -> None:
+    changes, starts = tmp_path / "changes.json", {(1, 0): (-0.5, 0.25)}
+    write_changes(changes, starts, {(1, 0): Intervention(frame=4, forced=(-4.0, -4.0))})
     session = drive(episode_changes=str(changes), episode_time=0.5)
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, -1.0))
     session.run()
     assert np.diff(session.speed) / 0.05 == pytest.approx([-1.0] * 4 + [-4.0] * 2 + [-1.0] * 4)
+    config = WorldConfig(vehicle_driver="external", pedestrian_driver="autopilot")
+    drawn, timed = (World(config, load_scenarios([1]), [(1, 0)], 1, 1, head_starts=s).state[0] for s in ({}, starts))
+    assert session.walked[0] == (timed["pedestrian_x"], timed["pedestrian_y"])
+    assert session.walked[0] != (drawn["pedestrian_x"], drawn["pedestrian_y"])
 
 
 def test_a_command_without_a_header_means_the_present_tick(drive: Callable[..., Drive]) -> None:
