@@ -16,9 +16,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.courses import trailing_slope
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
-from vpsci_ros.data.reference import trailing_slope
 from vpsci_ros.evaluation.onsets import STEPS, find_onsets
 from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, quantile, resampled, share, units_of
 from vpsci_ros.extras.paper.realism.long_run import SETS_OFF, STANDS

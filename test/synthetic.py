@@ -12,7 +12,8 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode import QUANTITIES, filled, headings
+from vpsci_ros.data.courses import filled, headings
+from vpsci_ros.data.episode import QUANTITIES
 from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.data.importers import ImportResult
 from vpsci_ros.data.importers.pairs import near_misses_of

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vpsci_ros.data.courses import headings
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode import headings, yields
+from vpsci_ros.data.episode import yields
 from vpsci_ros.safety.yielding import Yielded
 
 

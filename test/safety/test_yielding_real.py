@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vpsci_ros.data.courses import slope
 from vpsci_ros.data.importers import IMPORTERS
-from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.extras.formats.vci import find_clips, read_clip
 from vpsci_ros.safety import Yielded, curvature_from_yaw_rate, curvttc, who_yielded
 from vpsci_ros.world.observation import STEP

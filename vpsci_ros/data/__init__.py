@@ -2,6 +2,7 @@
 
 In reading order:
 
+* `courses`: velocities, yaw rates and directions of motion by recorded positions and headings
 * `episode`: an episode of motion, recorded or simulated: one vehicle and the pedestrians that it meets
 * `episode_block`: episodes that run side by side, collected frame by frame, and blocks of those that have ended
 * `filters`: the filters of a dataset: the four conditions of section 3.3 of the paper

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.courses import directions, filled
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, who_yielded
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 
@@ -21,7 +22,6 @@ Floats = NDArray[np.float64]
 Key = tuple[int, int]  # number of the scenario, number of the episode within it
 RECORDED = "recorded"  # outcome of an interaction of real people, whose end nobody classified
 YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielded`
-STANDING = 1e-3  # [m/s] below which a velocity has no direction
 _MOTION = ("x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy", "distance")
 BATCH = 512  # episodes that are classified at once
 _OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled", "seen")
@@ -278,31 +278,3 @@ def padded(rows: Sequence[NDArray[np.float64]], fill: float = 0.0) -> Floats:
     for row, values in zip(out, rows, strict=True):
         row[: len(values)] = values
     return out
-
-
-def filled(values: Floats) -> Floats:
-    """Return values[..., T], each NaN replaced by the last number before or else the first after; 0 if all are NaN."""
-    known = ~np.isnan(values)
-    if known.all():
-        return values
-    before = np.maximum.accumulate(np.where(known, np.arange(values.shape[-1]), -1), axis=-1)
-    first = np.where(known.any(axis=-1), known.argmax(axis=-1), 0)[..., None]
-    found: Floats = np.take_along_axis(values, np.where(before < 0, first, before), axis=-1)
-    return np.where(np.isnan(found), 0.0, found)
-
-
-def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
-    """Return the unwrapped direction of motion, float64[..., T] [rad]; while standing, the last known direction.
-
-    :param standing: speed [m/s] up to which a velocity has no direction; NaN where it never has one.
-    """
-    return directions(np.arctan2(vy, vx), np.hypot(vx, vy) > standing)
-
-
-def directions(angle: Floats, known: NDArray[np.bool_]) -> Floats:
-    """Return unwrapped angles, float64[..., T] [rad]; an unknown angle is the last known one, or else the first known.
-
-    :param known: bool[..., T]; NaN where none is.
-    """
-    found = np.unwrap(filled(np.where(known, angle, np.nan)), axis=-1)
-    return np.where(known.any(axis=-1, keepdims=True), found, np.nan)

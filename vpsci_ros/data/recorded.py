@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterator
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.courses import slope
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
-from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.world.observation import STEP
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vpsci_ros.data.courses import Floats, trailing_slope
 from vpsci_ros.safety import (
     CRITICAL_TTC,
     PEDESTRIAN_RADIUS,
@@ -21,9 +21,7 @@ from vpsci_ros.safety import (
     curvature_from_yaw_rate,
     curvttc,
 )
-from vpsci_ros.world.observation import STEP
 
-Floats = NDArray[np.float64]
 WALKER, CYCLIST, SCOOTER = KINDS = ("walker", "cyclist", "scooter")  # of pedestrians; people learn from walkers
 STANDING_SPEED = 0.5  # [m/s] a vehicle below it at the first critical step stands
 APART = 5.0  # [m] two paths that never come so near to each other are apart
@@ -33,34 +31,12 @@ AFTER = 10  # steps after the last critical one that learning takes
 _STATE = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx", "ped_vy")
 _BLOCK = 512  # steps of one path in each block of distances to the other path
 _SIZES = ("veh_length", "veh_width")
-_YAW_WINDOW = 4  # steps back over which the causal yaw rate is a slope
 _FIRST = (pl.col("curvttc") < CRITICAL_TTC).arg_max()  # the first critical row of an interaction
 FLAG_RULES = {
     "standing": (pl.col("veh_speed").get(_FIRST) < STANDING_SPEED).over("interaction"),
     "begins_critical": (_FIRST < LEAST_BEFORE).over("interaction"),
     "contact": (pl.col("curvttc").min() <= 0.0).over("interaction"),
 }
-
-
-def slopes(values: Floats, span: int) -> Floats:
-    """Return the least-squares slope [1/s] of every `span` + 1 neighbouring values on the 0.1 s grid.
-
-    :param values: float64[T], more than `span`.
-    :returns: float64[T - span], the first of the values 0 to `span`.
-    """
-    offsets = np.arange(span + 1) - 0.5 * span
-    return np.correlate(values, offsets / (STEP * float(offsets @ offsets)), "valid")
-
-
-def trailing_slope(values: Floats) -> Floats:
-    """Return the slope [1/s] of values on the 0.1 s grid at each step: a least-squares line through the last steps.
-
-    :param values: float64[T]; the line spans four steps back, fewer where there are fewer.
-    """
-    out = np.zeros(len(values))
-    for span in range(1, min(_YAW_WINDOW, len(values) - 1) + 1):
-        out[span:] = slopes(values, span)
-    return out
 
 
 def curvttc_of(

@@ -4,7 +4,6 @@
 at 0.1 s.
 """
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -12,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from vpsci_ros.data.episode import directions
+from vpsci_ros.data.courses import Floats, courses, slope
 from vpsci_ros.data.importers.agreement import Names, checked_table, said_speed, steps
 from vpsci_ros.data.importers.layout_file import BOX, TICKS, Layout
 from vpsci_ros.data.importers.tracks import (
@@ -25,7 +23,6 @@ from vpsci_ros.data.importers.tracks import (
     MAX_GAP,
     Checks,
     Clip,
-    Floats,
     LeftOut,
     Track,
     Unusable,
@@ -35,7 +32,6 @@ from vpsci_ros.data.importers.tracks import (
     merged,
     require_columns,
     resample,
-    slope,
     spaces,
     spacing,
 )
@@ -53,10 +49,7 @@ TURNS = "jumps of a vehicle's heading, such as those of reversing, at which trac
 CLASS = "class of the road user"  # a column with the class that counts
 REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
 REVERSAL = 2.0  # [rad] between two directions of motion, one of which is backwards
-MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
 FASTEST_PEDESTRIAN, FASTEST_VEHICLE = 12.0, 60.0  # [m/s] faster is a jump: another road user has the track's id
-DRIVEN = 0.5  # [m] that a vehicle without a heading drives before its heading changes
-_STANDING = 0.3  # [m/s] a vehicle that takes longer than that for `DRIVEN` has stood
 _CHANGES_WITHIN = 2.0  # [s] from one row to the next a road user may change its class; later it is another one
 _COARSE = 0.03  # [s] between two numbers in which times of frames fall together
 _FEW = 100  # rows, of which each may be a road user of its own
@@ -381,42 +374,9 @@ def _vehicle(track: Track) -> Track:
     """Return the track of a vehicle; its heading is NaN where nothing says it, see `Clip`."""
     own, size = track.values, None
     vx, vy = _velocity(own)
-    heading = own["heading"] if "heading" in own else _courses(own["x"], own["y"], vx, vy)
+    heading = own["heading"] if "heading" in own else courses(own["x"], own["y"], vx, vy)
     speed = np.maximum(own["speed"] if "speed" in own else vx * np.cos(heading) + vy * np.sin(heading), 0.0)
     if "length" in own and own["length"][0] > 0.0 and own["width"][0] > 0.0:
         size = float(np.median(own["length"])), float(np.median(own["width"]))
     values = {"x": own["x"], "y": own["y"], "heading": heading, "speed": speed}
     return replace(track, values=values, size=size)
-
-
-def _courses(x: Floats, y: Floats, vx: Floats, vy: Floats) -> Floats:
-    """Return directions of motion [rad], unwrapped, float64[T]; NaN where the vehicle never drives `DRIVEN`.
-
-    Above `MOVING` the velocity says the direction, below it the last `DRIVEN` metres of the way. Until a vehicle has
-    driven so far it keeps its heading, since the velocity of a standing vehicle is noise. Before its first direction it
-    has this one.
-    """
-    anchors = _anchors(x, y)
-    if len(anchors) < 2:
-        return np.full(len(x), np.nan)
-    begins, ends = anchors[:-1], anchors[1:]
-    took = STEP * np.diff([*anchors, len(x) - 1])
-    brisk = took[np.searchsorted(ends, np.arange(len(x)), side="right")] < DRIVEN / _STANDING
-    direction = np.arctan2(vy, vx)
-    known = (np.hypot(vx, vy) > MOVING) & brisk
-    late = ~known[ends]
-    chord = np.arctan2(y[ends] - y[begins], x[ends] - x[begins])
-    direction[ends[late]] = chord[late]
-    known[ends] = True
-    return directions(direction, known)
-
-
-def _anchors(x: Floats, y: Floats) -> NDArray[np.int64]:
-    """Return the first step, and each step that is at least `DRIVEN` [m] away from the place of the one before."""
-    found = [0]
-    ax, ay = x[0], y[0]
-    for step, (px, py) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
-        if math.hypot(px - ax, py - ay) >= DRIVEN:
-            found.append(step)
-            ax, ay = px, py
-    return np.array(found, np.int64)

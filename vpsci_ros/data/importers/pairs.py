@@ -11,11 +11,12 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.courses import Floats, slope, trailing_slope
 from vpsci_ros.data.importers.agreement import MOVING_SENSOR, checked, moving_sensor
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, summed
-from vpsci_ros.data.importers.tracks import FAST, Clip, Floats, LeftOut, Track, median_speed, slope
+from vpsci_ros.data.importers.tracks import FAST, Clip, LeftOut, Track, median_speed
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
-from vpsci_ros.data.reference import WALKER, completed, curvttc_of, trailing_slope
+from vpsci_ros.data.reference import WALKER, completed, curvttc_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS
 from vpsci_ros.world.observation import STEP

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.reference import CYCLIST, WALKER, slopes
+from vpsci_ros.data.reference import CYCLIST, WALKER
 from vpsci_ros.documents import foreign, listed, reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
@@ -365,18 +365,3 @@ def resample(
             piece = column[begin:end]
             values[name] = np.interp(steps * STEP, own, np.unwrap(piece) if name == angle else piece)
         yield Track(int(number[begin]), first, values)
-
-
-def slope(values: Floats) -> Floats:
-    """Rate of change [1/s] of values on the grid, by the least-squares line through five values.
-
-    A line over 0.4 s keeps the yaw rate of a turn and leaves out the jitter of single frames, which would bend the
-    predicted path to one side and the other and report near misses one step long. The ends have the slope of the
-    nearest full window. A track of 3 or 4 values has a window of 3, a track of 2 values a window of 2.
-    """
-    n = len(values)
-    if n < 2:
-        return np.zeros(n)
-    half = min(2, (n - 1) // 2)
-    inner = slopes(values, max(2 * half, 1))
-    return np.pad(inner, (half, n - len(inner) - half), "edge")

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vpsci_ros.data.episode import Episode, Floats, headings
+from vpsci_ros.data.courses import Floats, headings
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP

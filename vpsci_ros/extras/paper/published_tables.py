@@ -13,9 +13,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.courses import Floats, filled, headings
 from vpsci_ros.data.dataset import DatasetWriter, write_blocks
 from vpsci_ros.data.dataset_tables import EPISODE_COLUMNS, NEXT_PEDESTRIAN, TABLE_7
-from vpsci_ros.data.episode import Floats, filled, headings
 from vpsci_ros.data.episode_block import JUDGED, EpisodeBlock
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput

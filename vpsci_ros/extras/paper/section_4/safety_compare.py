@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.padding import Padding
 
-from vpsci_ros.data.importers.tracks import slope
+from vpsci_ros.data.courses import slope
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.data.reference import around_critical
