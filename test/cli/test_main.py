@@ -122,6 +122,24 @@ def test_an_error_is_one_line_that_says_what_and_where(
     assert not any((ROOT / name).exists() for name in ("x", "x.parquet", "x.png", "x.html", "x.safetensors"))
 
 
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (["--format", "wrong"], "unknown format 'wrong'"),
+        (["--format", "described", "--format", "levelx"], "expected one format for each folder"),
+        (["--format", "described", "--kinds", "walkers"], "--kinds walkers: expected"),
+        (["--format", "described", "--frame-rate", "10"], "--frame-rate: files of format described say"),
+        (["--format", "described", "--name", "a/b"], "--name 'a/b': expected letters"),
+    ],
+)
+def test_an_import_refuses_an_option_before_it_says_that_it_begins(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]], option: list[str], message: str
+) -> None:
+    refused = vpsci("import", "test", "-o", "x.parquet", *option)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith(f"error: {message}")
+
+
 def test_every_option_that_names_an_output_file_refuses_a_pipe_before_the_work(
     vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:

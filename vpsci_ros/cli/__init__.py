@@ -11,7 +11,7 @@ In reading order:
 * `dataset`: the commands about generated datasets: `vpsci generate`, and `vpsci dataset` info, verify, bag, merge
 * `bag`: the commands about recorded bags: `vpsci bag` info, export, verify, repair
 * `people`: `vpsci people`: a bank of recorded reactions from near misses
-* `learning`: the commands about learning: `vpsci pretrain`, `refine` and `evaluate`
+* `learning`: the commands that learn from recordings: `vpsci import`, `pretrain`, `refine` and `evaluate`
 * `stage_inputs`: inputs of stages 1 and 2 from the sections of a parameter file: configurations
 * `stages`: stages 1 and 2 and the evaluation as commands in one process: they read parameters and write files
 * `view`: the command `vpsci view`, which writes a page that plays episodes

@@ -1,7 +1,8 @@
-"""The commands about learning: `vpsci pretrain`, `refine` and `evaluate`."""
+"""The commands that learn from recordings: `vpsci import`, `pretrain`, `refine` and `evaluate`."""
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,7 +17,69 @@ from vpsci_ros.cli.options import (
     stoppable,
     writes_folder,
 )
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_MEASURE_ON
+
+
+def import_command(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of recordings as published.")],
+    formats: Annotated[
+        list[str],
+        typer.Option(
+            "--format", help="Format of all folders, or one for each: vci-dut, levelx, ... (docs/formats.md)."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="Parquet file to write.")],
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="SOURCE", help="Name of the source, by which --people chooses its reactions."),
+    ] = None,
+    fastest: Annotated[
+        float | None,
+        typer.Option("--fastest", min=0.0, metavar="M/S", help="Leave out pedestrians with a higher median speed."),
+    ] = None,
+    kinds: Annotated[
+        str,
+        typer.Option("--kinds", metavar="KIND,...", help="Whom to import, of walker, cyclist and scooter."),
+    ] = "walker",
+    frame_rate: Annotated[
+        float,
+        typer.Option("--frame-rate", min=0.0, metavar="1/S", help="Of files that count frames; 0: the format's."),
+    ] = 0.0,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse the first clip or road user with a fault.")] = False,
+    compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Draw near misses to OUTPUT.png, print extent and speeds; import nothing."),
+    ] = False,
+) -> None:
+    """Write a table of near misses: recorded pairs whose CurvTTC falls below 5 s, in steps of 0.1 s."""
+    from vpsci_ros.data import importers
+    from vpsci_ros.data.importers.tracks import require_source
+    from vpsci_ros.data.near_misses import write_near_misses
+    from vpsci_ros.runs.progress import Bars
+
+    given: dict[str, Any] = {"frame_rate": frame_rate, "kinds": [kind.strip() for kind in kinds.split(",")]}
+    options = {"fastest": math.inf if fastest is None else fastest, "strict": strict} | given
+    if check:
+        from vpsci_ros.report.recordings import check_recordings
+
+        picture = output.with_suffix(".png")
+        print("\n".join(check_recordings(folders, formats, picture, **options)))
+        print(f"written: {picture}")
+        return
+    if output.suffix != ".parquet":
+        raise InvalidInput(f"-o {output}: a table of near misses is Parquet; expected the name of a .parquet file")
+    importers.importers_of(folders, formats, **given)  # refuses options before the work begins
+    if name is not None:
+        require_source(name, "--name")
+    with Bars(f"importing {', '.join(map(str, folders))}"):
+        result = importers.import_folders(folders, formats, **options)
+    importers.require_near_misses(result)
+    result = result if name is None else importers.named(result, name)
+    write_near_misses(result.table, output, result.metadata, compact=compact)
+    importers.print_import_summary(result)
+    print(f"written: {output}")
 
 
 @writes_folder

@@ -1,7 +1,6 @@
 """The `vpsci` command. Each subcommand imports what it needs when it runs, so that `vpsci --help` is quick."""
 
 import io
-import math
 import os
 import signal
 import sys
@@ -16,7 +15,7 @@ from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.cli.dataset import dataset_app, generate
 from vpsci_ros.cli.doctor import doctor
 from vpsci_ros.cli.exam import ads_test
-from vpsci_ros.cli.learning import evaluate, pretrain, refine
+from vpsci_ros.cli.learning import evaluate, import_command, pretrain, refine
 from vpsci_ros.cli.options import (
     Output,
     Params,
@@ -48,67 +47,6 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
     if version:
         print(f"vpsci_ros {__version__}")
         raise typer.Exit
-
-
-def import_command(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of recordings as published.")],
-    formats: Annotated[
-        list[str],
-        typer.Option(
-            "--format", help="Format of all folders, or one for each: vci-dut, levelx, ... (docs/formats.md)."
-        ),
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="Parquet file to write.")],
-    name: Annotated[
-        str | None,
-        typer.Option("--name", metavar="SOURCE", help="Name of the source, by which --people chooses its reactions."),
-    ] = None,
-    fastest: Annotated[
-        float | None,
-        typer.Option("--fastest", min=0.0, metavar="M/S", help="Leave out pedestrians with a higher median speed."),
-    ] = None,
-    kinds: Annotated[
-        str,
-        typer.Option("--kinds", metavar="KIND,...", help="Whom to import, of walker, cyclist and scooter."),
-    ] = "walker",
-    frame_rate: Annotated[
-        float,
-        typer.Option("--frame-rate", min=0.0, metavar="1/S", help="Of files that count frames; 0: the format's."),
-    ] = 0.0,
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse the first clip or road user with a fault.")] = False,
-    compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
-    check: Annotated[
-        bool,
-        typer.Option("--check", help="Draw near misses to OUTPUT.png, print extent and speeds; import nothing."),
-    ] = False,
-) -> None:
-    """Write a table of near misses: recorded pairs whose CurvTTC falls below 5 s, in steps of 0.1 s."""
-    from vpsci_ros.data.importers import import_folders, named, print_import_summary, require_near_misses
-    from vpsci_ros.data.near_misses import write_near_misses
-    from vpsci_ros.runs.progress import Bars
-
-    options = {
-        "fastest": math.inf if fastest is None else fastest,
-        "frame_rate": frame_rate,
-        "kinds": [kind.strip() for kind in kinds.split(",")],
-        "strict": strict,
-    }
-    if check:
-        from vpsci_ros.report.recordings import check_recordings
-
-        picture = output.with_suffix(".png")
-        print("\n".join(check_recordings(folders, formats, picture, **options)))
-        print(f"written: {picture}")
-        return
-    if output.suffix != ".parquet":
-        raise InvalidInput(f"-o {output}: a table of near misses is Parquet; expected the name of a .parquet file")
-    with Bars(f"importing {', '.join(map(str, folders))}"):
-        result = import_folders(folders, formats, **options)
-    require_near_misses(result)
-    result = result if name is None else named(result, name)
-    write_near_misses(result.table, output, result.metadata, compact=compact)
-    print_import_summary(result)
-    print(f"written: {output}")
 
 
 @writes_folder

@@ -19,6 +19,7 @@ from vpsci_ros.data.importers.import_recordings import (
     import_folders,
     import_trajectories,
     imported_clips,
+    importers_of,
     named,
 )
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, print_import_summary, require_near_misses
@@ -34,6 +35,7 @@ __all__ = [
     "import_folders",
     "import_trajectories",
     "imported_clips",
+    "importers_of",
     "named",
     "print_import_summary",
     "require_near_misses",

@@ -32,6 +32,31 @@ def import_trajectories(folder: str | Path, format_name: str, **options: Any) ->
     return import_folders([folder], [format_name], **options)
 
 
+def importers_of(
+    folders: Sequence[str | Path],
+    formats: Sequence[str],
+    *,
+    frame_rate: float = 0.0,
+    kinds: Collection[str] = (WALKER,),
+) -> list[tuple[str, Importer]]:
+    """Return format and importer of each folder, without a look into the folders; parameters as of `imported_clips`.
+
+    :raises InvalidInput: formats that do not match the folders, an unknown format or kind, or a frame rate for a format
+        whose files have times.
+    """
+    if not kinds or set(kinds) - {*KINDS}:
+        raise InvalidInput(f"--kinds {','.join(kinds)}: expected one or some of {','.join(KINDS)}")
+    forms = list(formats) * len(folders) if len(formats) == 1 else list(formats)
+    if not folders or len(forms) != len(folders):
+        raise InvalidInput(
+            f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(forms)} formats"
+        )
+    found = [(form, IMPORTERS.find(form)) for form in forms]
+    if frame_rate and (timed := [form for form, importer in found if not importer.frame_rate]):
+        raise InvalidInput(f"--frame-rate: files of format {timed[0]} say their own frame rate or times; leave it out")
+    return found
+
+
 def imported_clips(
     folders: Sequence[str | Path],
     formats: Sequence[str],
@@ -50,21 +75,11 @@ def imported_clips(
     :param kinds: of `KINDS`, those of the pedestrians to import.
     :param strict: refuse the first clip or road user that a check would leave out.
     :param keep: false: without the clips, each of which is then in memory for a while only.
-    :raises InvalidInput: formats that do not match the folders, an unknown format or kind, a missing folder, recordings
-        most of which do not hold what they should, or a frame rate for a format whose files have times.
+    :raises InvalidInput: as `importers_of`; a missing folder, or recordings most of which do not hold what they should.
     """
-    if not kinds or set(kinds) - {*KINDS}:
-        raise InvalidInput(f"--kinds {','.join(kinds)}: expected one or some of {','.join(KINDS)}")
-    forms = list(formats) * len(folders) if len(formats) == 1 else list(formats)
-    if not folders or len(forms) != len(folders):
-        raise InvalidInput(
-            f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(forms)} formats"
-        )
     found = []
-    for folder, form in zip(map(Path, folders), forms, strict=True):
-        importer = IMPORTERS.find(form)
-        if frame_rate and not importer.frame_rate:
-            raise InvalidInput(f"--frame-rate: files of format {form} say their own frame rate or times; leave it out")
+    read = importers_of(folders, formats, frame_rate=frame_rate, kinds=kinds)
+    for folder, (form, importer) in zip(map(Path, folders), read, strict=True):
         clips = importer.read(folder, frame_rate=frame_rate) if frame_rate else importer.read(folder)
         clips = list(clips) if keep else clips
         options: dict[str, Any] = {"fastest": fastest, "kinds": kinds, "strict": strict}
