@@ -25,7 +25,7 @@ from unittest import mock
 import polars as pl
 
 from vpsci_ros.cli.options import read_sections, site_of
-from vpsci_ros.cli.stage_inputs import stage_2_inputs
+from vpsci_ros.cli.stages import stage_2_inputs
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.simulators import policy as simulator

@@ -26,7 +26,7 @@ from unittest import mock
 import torch
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.cli.stages import stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.held_out import HeldOut, held_out_by
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets

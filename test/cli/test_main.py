@@ -288,7 +288,7 @@ def test_pretraining_writes_weights_that_evaluation_reads(
 def test_held_out_rows_of_policies_that_may_have_learned_from_the_clips_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from vpsci_ros.cli.stages import run_evaluation
+    from vpsci_ros.cli.evaluation import run_evaluation
 
     table, own = read_near_misses("right_turns"), load_policy("closed_loop")
     left_out = own.facts["data"]["held_out_clips"][:3]

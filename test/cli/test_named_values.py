@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.cli.stage_inputs import stage_1_inputs
+from vpsci_ros.cli.stages import stage_1_inputs
 from vpsci_ros.data.near_misses import clips_of
 from vpsci_ros.evaluation.held_out import held_out_by
 

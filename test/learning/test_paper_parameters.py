@@ -5,7 +5,7 @@ import pytest
 
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.cli.stages import stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.learning.online import refine, validation_rates
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.policy.exploration import amplitude

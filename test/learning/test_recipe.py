@@ -4,7 +4,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs
+from vpsci_ros.cli.stages import stage_1_inputs, stage_2_inputs
 from vpsci_ros.learning.online import refine
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.resources import params_dir

@@ -19,7 +19,7 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.cli.stage_inputs import stage_2_inputs
+from vpsci_ros.cli.stages import stage_2_inputs
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.training_config import LearnerConfig

@@ -12,8 +12,8 @@ In reading order:
 * `bag`: the commands about recorded bags: `vpsci bag` info, export, verify, repair
 * `people`: `vpsci people`: a bank of recorded reactions from near misses
 * `learning`: the commands that learn from recordings: `vpsci import`, `pretrain`, `refine` and `evaluate`
-* `stage_inputs`: inputs of stages 1 and 2 from the sections of a parameter file: configurations
-* `stages`: stages 1 and 2 and the evaluation as commands in one process: they read parameters and write files
+* `stages`: stages 1 and 2 as commands in one process: their inputs by a parameter file, and their runs
+* `evaluation`: the work of `vpsci evaluate`: errors of policies and naive controls on near misses
 * `view`: the command `vpsci view`, which writes a page that plays episodes
 * `launch_arguments`: the arguments of `ros2 launch` and the nodes' parameter file made from them. It does not import
 * `added`: commands that other Python packages, and the folders of `vpsci_ros/extras/`, add to `vpsci` by entry points

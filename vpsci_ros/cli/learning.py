@@ -151,6 +151,6 @@ def evaluate(
     All near misses of the data count; give --held-out, or recordings that
     the weights have not seen.
     """
-    from vpsci_ros.cli.stages import run_evaluation
+    from vpsci_ros.cli.evaluation import run_evaluation
 
     run_evaluation(data, form, weights or [], json_path, held_out=held_out)

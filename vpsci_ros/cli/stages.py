@@ -1,30 +1,85 @@
-"""Stages 1 and 2 and the evaluation as commands in one process: they read parameters and write files."""
+"""Stages 1 and 2 as commands in one process: their inputs by the sections of a parameter file, and their runs."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs
-from vpsci_ros.data.importers import IMPORTERS, import_trajectories
-from vpsci_ros.data.near_misses import clips_of, corpus_files, read_near_misses, table_hash
+from vpsci_ros.data.near_misses import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.error_table import print_errors
-from vpsci_ros.evaluation.errors import evaluate
+from vpsci_ros.evaluation.held_out import held_out_by
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
+from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
+from vpsci_ros.parameters import settings_of
+from vpsci_ros.policy.policy_config import NetworkConfig
+from vpsci_ros.policy.simulation_config import SimulationConfig, simulation_of
+from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.report.learning import save_learning
-from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.files import sha256, write_json
-from vpsci_ros.runs.progress import Bars, StageBar
-from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.runs.run_config import Sections
+from vpsci_ros.runs.progress import StageBar
+from vpsci_ros.runs.run_config import RunConfig, Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
-from vpsci_ros.runs.text_table import table_console
+
+Stage1Inputs = tuple[LearnerConfig, PretrainConfig, NetworkConfig, pl.DataFrame, Sections]
+Stage2Inputs = tuple[LearnerConfig, RefineConfig, SimulationConfig, Weights, pl.DataFrame, list[str | Path], Sections]
+
+
+def stage_1_inputs(sections: Sections) -> Stage1Inputs:
+    """Return the inputs of stage 1: its three configurations, near misses, and the sections to store with the run.
+
+    :raises InvalidInput: a parameter or the near misses are refused, or the section is of stage 2.
+    """
+    learner = _learner(sections, "pretrain")
+    config, network = sections.get(PretrainConfig, "learner"), sections.get(NetworkConfig, "learner")
+    resolved = Sections({"learner": _without_output(learner, config, network)})
+    corpus = load_corpus(learner.near_misses)
+    held_out_by(corpus, config.held_out_clips)  # refuses names before a folder is begun
+    return learner, config, network, corpus, resolved
+
+
+def stage_2_inputs(sections: Sections) -> Stage2Inputs:
+    """Return the inputs of stage 2: configurations, weights, near misses, files of both, and the sections to store.
+
+    :raises InvalidInput: a parameter, the weights or the near misses are refused, or the section is of stage 1.
+    """
+    learner, config, simulation = stage_2_parameters(sections)
+    start = learner.start()
+    resolved = {
+        "learner": _without_output(learner, config),
+        "world_simulator": settings_of(sections.get(RunConfig, "world_simulator"), simulation.world),
+    } | {f"{agent}_policy": settings_of(policy) for agent, policy in simulation.policies.items()}
+    files: list[str | Path] = [*corpus_files(learner.near_misses), start]
+    corpus = load_corpus(learner.near_misses)
+    return learner, config, simulation, load_weights(start), corpus, files, Sections(resolved)
+
+
+def stage_2_parameters(sections: Sections) -> tuple[LearnerConfig, RefineConfig, SimulationConfig]:
+    """Return the configurations of stage 2 alone, for a study with its own weights and near misses.
+
+    :raises InvalidInput: a parameter is refused, or the section is of stage 1.
+    """
+    learner, config, simulation = (
+        _learner(sections, "refine"),
+        sections.get(RefineConfig, "learner"),
+        simulation_of(sections),
+    )
+    require_learnable(simulation.world)
+    return learner, config, simulation
+
+
+def _learner(sections: Sections, stage: str) -> LearnerConfig:
+    learner = sections.get(LearnerConfig, "learner")
+    if learner.stage != stage:
+        raise InvalidInput(f"learner.stage = {learner.stage}: expected {stage}; give the parameter file of that stage")
+    return learner
+
+
+def _without_output(*configs: object) -> dict[str, object]:
+    """Return the values of the learner's section without the output folder, no part of a run's identity."""
+    return {name: value for name, value in settings_of(*configs).items() if name != "output"}
 
 
 def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
@@ -85,62 +140,3 @@ def _run(folder: Path, run: RunFolder, bar: StageBar, learn: Callable[[StageBar]
         finally:
             save_learning(folder)
     return True
-
-
-def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | None, *, held_out: bool = False) -> None:
-    """Measure policies and naive controls on near misses, print the table, and write the numbers to `json_path`.
-
-    :param models: policies beside the shipped ones, [NAME=]FILE.
-    :param data: near-miss table, or a folder of recordings in one of the importers' formats.
-    :param held_out: measure only clips that were held out of `models`, or of the shipped people where there are none.
-    :raises InvalidInput: unknown format, unreadable data or weights, or no clip of the data was held out.
-    """
-    table = _near_misses(data, form)
-    given = named_policies(models)
-    paths = {name: weights_path(name) for name in SHIPPED} | given
-    weights = {name: load_policy(path) for name, path in paths.items()}
-    chosen = [weights[name] for name in given or SHIPPED[:1]]
-    clips = set.intersection(*(_held_out_of(own) for own in chosen))
-    kept_out = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
-    if held_out and kept_out.is_empty():
-        raise InvalidInput(f"{data}: none of its clips was held out of the weights' training, by their metadata")
-    learned = table["interaction"].n_unique() - kept_out["interaction"].n_unique()
-    if held_out:
-        table = kept_out
-        _warn_of_seen(clips_of(table), {name: own for name, own in weights.items() if name not in given})
-    elif kept_out.height and learned:
-        print(f"note: {learned} near misses here are of clips that weights have learned from; see --held-out")
-    with Bars(f"measuring {table['interaction'].n_unique():,} near misses"):
-        result = evaluate(table, weights)
-    if json_path is not None:
-        made_from = {
-            "data": {"path": str(data), "sha256": table_hash(table)},
-            "weights_sha256": {name: sha256(path) for name, path in paths.items()},
-            "software": software_versions(),
-        }
-        write_json(json_path, result | made_from)
-    print_errors(result, table_console())
-    if json_path is not None:
-        print(f"written: {json_path}")
-
-
-def _warn_of_seen(clips: Sequence[str], others: Mapping[str, Policy]) -> None:
-    """Print which policies know the source of `clips` and have not held these out, so may have learned from them."""
-    for name, own in others.items():
-        kept = _held_out_of(own)
-        known = {clip.partition("/")[0] for clip in kept}
-        if seen := sum(clip.partition("/")[0] in known for clip in clips if clip not in kept):
-            print(f"note: {name} may have learned from {seen} of these {len(clips)} clips, so its row is not held out")
-
-
-def _held_out_of(policy: Policy) -> set[str]:
-    """Return the clips, "source/clip", that were held out of a policy, by its metadata."""
-    return set(policy.facts.get("data", {}).get("held_out_clips", []))
-
-
-def _near_misses(data: Path, form: str) -> pl.DataFrame:
-    if form == "near-misses" and data.is_dir():
-        raise InvalidInput(f"{data}: for a folder of recordings give --format, one of {', '.join(IMPORTERS.names())}")
-    if form == "near-misses":
-        return read_near_misses(data)
-    return import_trajectories(data, form).table

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.cli.stage_inputs import Stage1Inputs, stage_1_inputs, stage_2_parameters
+from vpsci_ros.cli.stages import Stage1Inputs, stage_1_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
