@@ -27,8 +27,9 @@ import torch
 
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.cli.stages import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.data.corpus import held_out_by
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.held_out import HeldOut, held_out_by
+from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.simulators import policy as simulator

@@ -48,7 +48,7 @@ class SimulatedTick(NamedTuple):
 def held_out() -> Iterator[None]:
     """Hold out clips that can be measured: of the few synthetic near misses those by seed 1 end too early."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vpsci_ros.evaluation.held_out.SPLIT", 4)
+        patch.setattr("vpsci_ros.data.corpus.SPLIT", 4)
         yield
 
 

@@ -12,10 +12,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import clean, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.realism.free import as_near_misses
 from vpsci_ros.extras.paper.trajectories import draw_episode, draw_speed_bars
@@ -111,7 +110,7 @@ def main() -> None:
     arguments.add_argument("--episodes", type=int, default=2000)
     options = arguments.parse_args()
     made = as_near_misses(Dataset(options.dataset), options.episodes, 0)
-    save_beside(reference.clean(read_near_misses(options.data)), made, options.picture)
+    save_beside(clean(read_near_misses(options.data)), made, options.picture)
 
 
 if __name__ == "__main__":

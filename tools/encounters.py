@@ -23,10 +23,9 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from PIL import Image
 
-from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import clean, read_near_misses
 from vpsci_ros.extras.paper.realism.free import as_near_misses
 from vpsci_ros.report.canvas import blank_figure
 from vpsci_ros.report.world_figures import PEDESTRIAN, VEHICLE, outlines
@@ -170,7 +169,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     near_misses, dataset = read_near_misses(given.recorded), Dataset(given.dataset)
-    tables = reference.clean(near_misses), as_near_misses(dataset, 400, given.seed)
+    tables = clean(near_misses), as_near_misses(dataset, 400, given.seed)
     recorded, generated = map(whole, tables)
     recorded = recorded.filter((pl.col("interaction") == pl.col("interaction").first()).over("source", "clip"))
     above = draw_at_random(recorded, "recorded", given.seed, EACH)

@@ -13,9 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import clean, read_near_misses
 from vpsci_ros.extras.paper.realism.free import as_near_misses
 from vpsci_ros.extras.paper.realism.long_run import watched_tracks
 
@@ -49,7 +48,7 @@ def main() -> None:
     parser.add_argument("--data", default="right_turns/dev")
     parser.add_argument("--episodes", type=int, default=2000)
     arguments = parser.parse_args()
-    recorded = reference.clean(read_near_misses(arguments.data))
+    recorded = clean(read_near_misses(arguments.data))
     made = as_near_misses(Dataset(arguments.dataset), arguments.episodes, 0)
     sides = dict(zip(("recorded", "generated"), watched_tracks(recorded, made, 0), strict=True))
     figure = Figure(figsize=(14.0, 6.0), layout="constrained")

@@ -7,8 +7,8 @@ import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.cli.stages import stage_1_inputs
+from vpsci_ros.data.corpus import held_out_by
 from vpsci_ros.data.near_misses import clips_of
-from vpsci_ros.evaluation.held_out import held_out_by
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMED = {  # stage file -> settings with a value that the description of the parameter names

@@ -11,13 +11,13 @@ import pytest
 from polars.testing import assert_frame_equal
 from synthetic import SOURCE, synthetic_near_misses
 
+from vpsci_ros.data.corpus import AFTER, BEFORE, around_critical, load_corpus
 from vpsci_ros.data.courses import slope, trailing_slope
 from vpsci_ros.data.importers import ImportResult, import_folders, import_trajectories, named
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.summary import require_near_misses
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample
-from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses
-from vpsci_ros.data.reference import AFTER, BEFORE, FLAG_RULES, around_critical, clean, paths_apart
+from vpsci_ros.data.near_misses import FLAG_RULES, check_near_misses, clean, clips_of, paths_apart, write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.vci import VCI_DUT
 from vpsci_ros.policy.make_bank import bank_of_tables

@@ -9,16 +9,14 @@ import pytest
 from polars.testing import assert_frame_equal
 from synthetic import synthetic_near_misses
 
+from vpsci_ros.data.corpus import load_corpus, split_by_clip, split_by_name
 from vpsci_ros.data.near_misses import (
     NEAR_MISS_COLUMNS,
     WORKED_OUT,
     check_near_misses,
     clips_of,
     concat_near_misses,
-    load_corpus,
     read_near_misses,
-    split_by_clip,
-    split_by_name,
     write_near_misses,
 )
 from vpsci_ros.data.parquet import read_metadata

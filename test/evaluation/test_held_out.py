@@ -4,9 +4,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vpsci_ros.data import corpus
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.evaluation import held_out as held
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import recorded_histories
@@ -46,8 +45,8 @@ def test_what_stage_1_learns_does_not_depend_on_what_happened_in_the_held_out_cl
 def test_stage_2_learns_from_no_clip_that_is_held_out(networks, near_misses, named, monkeypatch):
     """Whether its weights name clips of the table that stage 1 held out, or stage 2 holds out clips of its own."""
     monkeypatch.setattr("vpsci_ros.learning.refine.REAL_STEPS", 10_000)
-    fraction, seed = (0.4, 11) if named else (held.SHARE, held.SPLIT)
-    clips = all_clips(split_by_clip(near_misses, fraction, seed)[1])
+    fraction, seed = (0.4, 11) if named else (corpus.SHARE, corpus.SPLIT)
+    clips = all_clips(corpus.split_by_clip(near_misses, fraction, seed)[1])
     weights = networks().weights({}, {"data": {"held_out_clips": sorted(clips)}} if named else {})
     refiner = Refiner(RefineConfig(), weights, near_misses, seed=4)
     held_out, real = refiner._held_out.interactions, what_happened(refiner._buffer.histories)

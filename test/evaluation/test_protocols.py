@@ -2,8 +2,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vpsci_ros.data.corpus import table_hash
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import FadingAcceleration, PolicyPredictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import (

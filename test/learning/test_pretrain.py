@@ -5,8 +5,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vpsci_ros.data.corpus import NO_CLIPS
 from vpsci_ros.errors import InvalidInput, Stopped
-from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.learning.divergence import DivergedError
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.training_config import PretrainConfig, ReplayConfig, SpeedRewardsConfig

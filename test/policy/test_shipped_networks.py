@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.data.near_misses import load_corpus
+from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.evaluation.onsets import find_onsets
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.roll_out_scores import energy_score

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import polars as pl
 
+from vpsci_ros.data.corpus import table_hash
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
-from vpsci_ros.data.near_misses import clips_of, read_near_misses, table_hash
+from vpsci_ros.data.near_misses import clips_of, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.evaluation.errors import evaluate

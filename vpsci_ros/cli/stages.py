@@ -7,9 +7,8 @@ from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.near_misses import corpus_files, load_corpus
+from vpsci_ros.data.corpus import corpus_files, held_out_by, load_corpus
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import held_out_by
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.training_config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable

@@ -11,7 +11,7 @@ In reading order:
 * `dataset_description`: the content of dataset.json: counts by scenario and reason, quartiles of the least CurvTTC
 * `dataset_reader`: a dataset's folder read back, a row group at a time
 * `near_misses`: the near-miss table: recorded interactions with CurvTTC below 5 s, one row for each step of 0.1 s
-* `reference`: columns that follow from the other columns of a near-miss table, and the rows around critical steps
+* `corpus`: the near misses of a training: its tables as one, the rows it takes of them, and the split by clips
 * `recorded`: recorded interactions as episodes, from a near-miss table
 * `interactions`: recorded near misses as padded arrays: observations
 * `importers`: importers of recordings: each format is read as clips of tracks at 0.1 s, from which near misses are cut

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.corpus import around_critical
 from vpsci_ros.data.near_misses import MOTION
-from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame, observe_arrays
@@ -94,7 +94,7 @@ class Interactions:
 
 
 def from_table(table: pl.DataFrame) -> Interactions:
-    """Build `Interactions` from a near-miss table's rows around critical steps, see `reference.around_critical`.
+    """Build `Interactions` from a near-miss table's rows around critical steps, see `corpus.around_critical`.
 
     :raises InvalidInput: no interaction of at least two steps.
     """

@@ -1,27 +1,29 @@
 """The near-miss table: recorded interactions with CurvTTC below 5 s, one row for each step of 0.1 s.
 
 An interaction is one vehicle and one pedestrian of one clip, for as long as both are seen. Its rows lie together,
-`step` counts them without a gap, and `clip` is the unit by which data are held out: two interactions of one clip share
-agents and traffic, so data are split by clips, never by rows or interactions. Your own recordings enter the package by
-this table.
+`step` counts them without a gap. Your own recordings enter the package by this table.
+
+Four flags mark interactions that are bad examples: a `standing` car does not drive into a pedestrian; a track that
+`begins_critical` has no onset and no approach; a `contact` in a recording without accidents is an error of size or
+position; two agents whose paths stay `apart` never met, but the circle that CurvTTC predicted for the car led to a
+pedestrian on another arm.
 """
 
-import hashlib
 import math
 import warnings
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
+from vpsci_ros.data.courses import Floats, trailing_slope
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
-from vpsci_ros.data.reference import AFTER, KINDS, WALKER, around_critical, completed
-from vpsci_ros.documents import listed, require_form
+from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
-from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.resources import near_misses_part
+from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
 
 NEAR_MISS_COLUMNS: dict[str, Column] = {
@@ -65,6 +67,18 @@ _SIZES = ("veh_length", "veh_width")
 _PAIR = ("source", "clip", "veh_id", "ped_id")
 _CONSTANT = (*_PAIR, "standing", "begins_critical", "contact", *DERIVED)  # within an interaction
 TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
+WALKER, CYCLIST, SCOOTER = KINDS = ("walker", "cyclist", "scooter")  # of pedestrians; people learn from walkers
+STANDING_SPEED = 0.5  # [m/s] a vehicle below it at the first critical step stands
+APART = 5.0  # [m] two paths that never come so near to each other are apart
+LEAST_BEFORE = 3  # steps before the first critical one; with fewer a track begins critical
+_STATE = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx", "ped_vy")
+_BLOCK = 512  # steps of one path in each block of distances to the other path
+_FIRST = (pl.col("curvttc") < CRITICAL_TTC).arg_max()  # the first critical row of an interaction
+FLAG_RULES = {
+    "standing": (pl.col("veh_speed").get(_FIRST) < STANDING_SPEED).over("interaction"),
+    "begins_critical": (_FIRST < LEAST_BEFORE).over("interaction"),
+    "contact": (pl.col("curvttc").min() <= 0.0).over("interaction"),
+}
 
 
 def read_near_misses(name: str | Path, kinds: Collection[str] = (WALKER,)) -> pl.DataFrame:
@@ -86,8 +100,7 @@ def read_near_misses(name: str | Path, kinds: Collection[str] = (WALKER,)) -> pl
     if missing := [name for name in WORKED_OUT if name not in table.columns]:
         warnings.warn(
             f"{path}: columns {', '.join(missing)} are worked out from the rows that it has. A table from before "
-            f"November 2026 ends {AFTER * STEP:g} s after the last critical step: import its recordings again for "
-            "whole tracks",
+            "November 2026 ends 1 s after the last critical step: import its recordings again for whole tracks",
             stacklevel=2,
         )
     sizes = {} if set(_SIZES) <= set(table.columns) else _sizes(path)
@@ -274,106 +287,92 @@ def concat_near_misses(tables: list[pl.DataFrame]) -> pl.DataFrame:
     return whole
 
 
-def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Split interactions into (training, held out), whole clips at a time and each source in the same proportion.
-
-    Clips are taken in the order of a hash of (seed, source, clip), so that a clip's place does not depend on which
-    others there are; one that would overshoot the fraction of interactions is passed over. A source of a single
-    clip stays in training.
-
-    :param held_out_fraction: of the interactions, above 0 and below 1; the held-out share of a source is at most this,
-        unless no clip is so small: then the smallest clip is held out.
-    :raises InvalidInput: a fraction out of range, or no source with two clips.
-    """
-    if not 0.0 < held_out_fraction < 1.0:
-        raise InvalidInput(f"held_out_fraction = {held_out_fraction}: expected above 0 and below 1")
-    counts = table.group_by("source", "clip").agg(pl.col("interaction").n_unique().alias("n")).rows()
-    held: list[tuple[str, str]] = []
-    for source in sorted({source for source, _, _ in counts}):
-        clips = sorted((place_of(seed, source, clip), clip, n) for name, clip, n in counts if name == source)
-        if len(clips) < 2:
-            continue
-        room = held_out_fraction * sum(n for _, _, n in clips)
-        taken = []
-        for _, clip, n in clips:
-            if n <= room:
-                taken.append(clip)
-                room -= n
-        held += [(source, clip) for clip in taken or [min(clips, key=lambda c: (c[2], c[0]))[1]]]
-    if not held:
-        raise InvalidInput(
-            "expected two clips or more of a source, since whole clips are held out; got "
-            f"{', '.join(clips_of(table))}; add recordings, or cut yours into clips (`clip` in a layout)"
-        )
-    return split_off(table, held)
-
-
 def clips_of(table: pl.DataFrame) -> list[str]:
     """Return the clips of a near-miss table, as "source/clip", sorted."""
     return sorted("/".join(row) for row in table.select("source", "clip").unique().rows())
 
 
-def split_by_name(
-    table: pl.DataFrame, clips: Sequence[str], option: str = "held_out_clips ="
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Split interactions into (training, held out); held out are clips whose "source/clip" begins with one of `clips`.
+def curvttc_of(
+    columns: Mapping[str, Floats], yaw_rate: Floats, length: float | Floats, width: float | Floats
+) -> Floats:
+    """Return CurvTTC [s], float64[T], of rows of a near-miss table, for a yaw rate [rad/s] at each of them.
 
-    :param option: by which the clips are named, the opening of an error message.
-    :raises InvalidInput: no clip begins with one of the names, or every clip is held out.
+    :param columns: veh_x, veh_y, veh_heading, veh_speed, ped_x, ped_y, ped_vx, ped_vy, float64[T] each.
+    :param length, width: of the vehicle [m], one for all rows or float64[T].
     """
-    own = [(str(source), str(clip)) for source, clip in table.select("source", "clip").unique().rows()]
-    names = sorted(map("/".join, own))
-    for name in clips:
-        if not any(each.startswith(name) for each in names):
-            raise InvalidInput(f"{option} {name}: no clip begins so; the near misses have {_folders(names)}")
-    held = [(source, clip) for source, clip in own if f"{source}/{clip}".startswith(tuple(clips))]
-    if len(held) == len(own):
-        raise InvalidInput(f"{option} {listed(clips)}: all {len(own)} clips begin so; leave some to learn from")
-    return split_off(table, held)
+    x, y, heading, speed, *pedestrian = (columns[name] for name in _STATE)
+    vehicle = x, y, heading, speed, curvature_from_yaw_rate(yaw_rate, speed)
+    return curvttc(*vehicle, *pedestrian, length=length, width=width)
 
 
-def _folders(names: Sequence[str], most: int = 8) -> str:
-    """Return the names of at most `most` clips; of more clips the folders in their names, with numbers of clips."""
-    if len(names) <= most:
-        return listed(names)
-    parts = [name.split("/")[:-1] for name in names]
-    depths = range(1, 1 + max(map(len, parts)))
-    counts = [Counter("/".join(part[:depth]) + "/" for part in parts) for depth in depths]
-    deepest = max((count for count in counts if len(count) <= most), key=len, default=counts[0])
-    return f"{listed((f'{name} ({n} clips)' for name, n in sorted(deepest.items())), most)}, such as {names[0]}"
+def completed(table: pl.DataFrame, sizes: Mapping[str, tuple[float, float]] | None = None) -> pl.DataFrame:
+    """Return a near-miss table with all columns that follow from others; columns that it already has do not change.
 
-
-def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Split interactions into (training, held out); `held` names the held-out clips, (source, clip) each."""
-    keys, on = pl.DataFrame(held, schema={"source": pl.String, "clip": pl.String}, orient="row"), ["source", "clip"]
-    return table.join(keys, on=on, how="anti", maintain_order="left"), table.join(
-        keys, on=on, how="semi", maintain_order="left"
-    )
-
-
-def place_of(seed: int, source: str, clip: str) -> str:
-    """Return the hash of a clip by which `split_by_clip` sorts clips."""
-    return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()
-
-
-def table_hash(table: pl.DataFrame) -> str:
-    """Return the SHA-256 of the rows and columns that a training reads, in hexadecimal."""
-    table, digest = around_critical(table), hashlib.sha256()
-    for name in ("interaction", "source", "clip", *MOTION, "curvttc"):
-        digest.update("\0".join(table[name].cast(pl.String)).encode())
-    return digest.hexdigest()
-
-
-def corpus_files(names: Sequence[str | Path]) -> list[Path]:
-    """Return the files of the near-miss tables `names`; without a name, the file of the shipped right turns."""
-    return [near_misses_path(name) for name in names or [TO_LEARN_FROM]]
-
-
-def load_corpus(names: Sequence[str | Path]) -> pl.DataFrame:
-    """Return the near misses of a training as one table, with consecutive interaction numbers.
-
-    :param names: tables or parts of tables, see `read_near_misses`; none: the training part of the package's right
-        turns.
-    :raises InvalidInput: a file is missing or does not hold a near-miss table.
+    :param table: the rows of an interaction lie together.
+    :param sizes: source -> length and width of its vehicles [m]; other sources have the default vehicle's.
     """
-    return concat_near_misses([read_near_misses(name) for name in names or [TO_LEARN_FROM]])
+    for i, name in enumerate(_SIZES):
+        if name not in table.columns:
+            known = [(sizes or {}).get(source, (VEHICLE_LENGTH, VEHICLE_WIDTH))[i] for source in table["source"]]
+            table = table.with_columns(pl.Series(name, known, pl.Float64))
+    names = {f"{who}_name": pl.col(f"{who}_id").cast(pl.String) for who in ("veh", "ped")}
+    rules = FLAG_RULES | names | {"kind": pl.lit(WALKER)}
+    table = table.with_columns(**{name: rule for name, rule in rules.items() if name not in table.columns})
+    for name, work_out in (("curvttc_causal", _causal), ("apart", _apart), ("group", _groups)):
+        if name not in table.columns:
+            table = table.with_columns(work_out(table).alias(name))
+    return table
+
+
+def _causal(table: pl.DataFrame) -> pl.Series:
+    columns = {name: table[name].cast(pl.Float64).to_numpy() for name in (*_STATE, *_SIZES)}
+    yaw_rate = np.concatenate([trailing_slope(columns["veh_heading"][part]) for part in _parts(table)])
+    return pl.Series(curvttc_of(columns, yaw_rate, columns["veh_length"], columns["veh_width"]))
+
+
+def _apart(table: pl.DataFrame) -> pl.Series:
+    columns = {name: table[name].to_numpy() for name in ("veh_x", "veh_y", "ped_x", "ped_y")}
+    apart = np.zeros(table.height, np.bool_)
+    for part in _parts(table):
+        apart[part] = paths_apart({name: column[part] for name, column in columns.items()})
+    return pl.Series(apart)
+
+
+def _parts(table: pl.DataFrame) -> list[slice]:
+    """Return the rows of each interaction."""
+    lengths = table["interaction"].rle().struct.field("len").to_list()
+    return [slice(end - length, end) for length, end in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
+
+
+def paths_apart(columns: Mapping[str, Floats]) -> bool:
+    """Return whether the two recorded paths never come within `APART` of each other, at whatever times.
+
+    :param columns: veh_x, veh_y, ped_x, ped_y [m], float64[T] each.
+    """
+    x, y = columns["veh_x"][:, None], columns["veh_y"][:, None]
+    for begin in range(0, len(columns["ped_x"]), _BLOCK):
+        px, py = (columns[name][begin : begin + _BLOCK] for name in ("ped_x", "ped_y"))
+        if (np.hypot(px - x, py - y) < APART).any():
+            return False
+    return True
+
+
+def _groups(table: pl.DataFrame) -> pl.Series:
+    """Return the number of each row's group, from 0 in the order of rows.
+
+    Interactions of one vehicle of one clip that have a step in common, or are linked by others that have, are a group:
+    one vehicle met several pedestrians at once, so these interactions are less evidence than those of as many vehicles.
+    """
+    vehicle, time = ["source", "clip", "veh_id"], pl.col("time")
+    spans = table.group_by("interaction", *vehicle, maintain_order=True).agg(begin=time.min(), end=time.max())
+    spans = spans.with_row_index("place").sort(*vehicle, "begin", maintain_order=True)
+    before = pl.col("end").cum_max().shift(1).over(vehicle)
+    spans = spans.with_columns(group=(pl.col("begin") > before).fill_null(True).cum_sum())
+    first = pl.col("place").min().over("group").rank("dense").cast(pl.Int64) - 1
+    numbers = spans.select("interaction", group=first)
+    return table.select("interaction").join(numbers, on="interaction", how="left", maintain_order="left")["group"]
+
+
+def clean(table: pl.DataFrame) -> pl.DataFrame:
+    """Return the interactions of a near-miss table whose vehicle drives, whose onset was seen and whose paths meet."""
+    return table.filter(~pl.col("standing") & ~pl.col("begins_critical") & ~pl.col("apart"))

@@ -110,7 +110,7 @@ def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
 def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
     """Return those onsets of a near-miss table of whole tracks after which 3 s are recorded.
 
-    :param table: see `vpsci_ros.data.near_misses`; `vpsci_ros.data.reference.clean` leaves out standing cars and such.
+    :param table: see `vpsci_ros.data.near_misses`, of which `clean` leaves out standing cars and such.
     :param history: steps that must be recorded before the onset, 0 to 10.
     :raises InvalidInput: there is no such onset.
     """

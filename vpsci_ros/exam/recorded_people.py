@@ -19,7 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.data.reference import around_critical
+from vpsci_ros.data.corpus import around_critical
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.encroachment import first_crossing
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, handover

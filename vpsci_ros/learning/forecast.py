@@ -16,9 +16,9 @@ import polars as pl
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.data.near_misses import MOTION, table_hash
+from vpsci_ros.data.corpus import NO_CLIPS, table_hash
+from vpsci_ros.data.near_misses import MOTION
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.evaluation.roll_out import Seen, roll_out
 from vpsci_ros.evaluation.scene import Scene
 from vpsci_ros.learning.adam import Adam

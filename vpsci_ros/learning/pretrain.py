@@ -11,10 +11,11 @@ import numpy as np
 import polars as pl
 import torch
 
+from vpsci_ros.data.corpus import held_out_by, table_hash
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import clips_of, table_hash
+from vpsci_ros.data.near_misses import clips_of
 from vpsci_ros.errors import Stopped
-from vpsci_ros.evaluation.held_out import HeldOut, held_out_by
+from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.divergence import require_finite
 from vpsci_ros.learning.networks import Networks

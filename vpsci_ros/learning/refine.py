@@ -19,10 +19,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.corpus import split_as_before, table_hash
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import clips_of, table_hash
+from vpsci_ros.data.near_misses import clips_of
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
+from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.divergence import require_finite
@@ -116,7 +117,7 @@ class Refiner:
         self._config, self._start = config, weights
         self._out_dir = None if out_dir is None else Path(out_dir)
         self._rng = np.random.default_rng(seed)
-        training, held_out = split_as_before(near_misses, weights)
+        training, held_out = split_as_before(near_misses, weights.facts.get("data", {}).get("held_out_clips", []))
         self._held_out = HeldOut(held_out)
         self._networks = Networks.from_weights(weights, config.updates.critics, seed)
         self._maddpg = Maddpg(self._networks, config.updates)

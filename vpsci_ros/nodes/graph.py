@@ -17,7 +17,7 @@ from pathlib import Path
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
-from vpsci_ros.data.near_misses import corpus_files
+from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.documents import dump_yaml, in_utf8
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.training_config import LearnerConfig, require_learnable

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import UInt64
 
 from vpsci_msgs.msg import PolicyWeights, Transition
-from vpsci_ros.data.near_misses import load_corpus
+from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.errors import Stopped
 from vpsci_ros.learning.pretrain import CHECKPOINT, pretrain
 from vpsci_ros.learning.refine import WEIGHTS, Refiner

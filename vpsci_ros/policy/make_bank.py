@@ -16,7 +16,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses, split_by_name, table_hash
+from vpsci_ros.data.corpus import split_by_name, table_hash
+from vpsci_ros.data.near_misses import MOTION, clips_of, concat_near_misses, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import SLOWEST, Bank, Reactions, describe, situations_of, source_of, with_means
 from vpsci_ros.policy.forecast import ACTIONS, CrossFitted, no_networks

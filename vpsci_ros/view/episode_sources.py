@@ -17,9 +17,8 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import KINDS, read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
-from vpsci_ros.data.reference import KINDS
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part

@@ -8,8 +8,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import ImportResult, import_trajectories
-from vpsci_ros.data.near_misses import check_near_misses
-from vpsci_ros.data.reference import clean
+from vpsci_ros.data.near_misses import check_near_misses, clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.cqut_pvi import CHORD, smoothed, way_heading
 

@@ -15,8 +15,7 @@ import polars as pl
 
 from vpsci_ros.data.importers.layout_file import ANGLES, HEADINGS, LENGTHS, SPEEDS, Layout
 from vpsci_ros.data.importers.tracks import ROLES, Checks, Clip, Track, hypot, spacing
-from vpsci_ros.data.near_misses import TURN_LIMIT
-from vpsci_ros.data.reference import WALKER
+from vpsci_ros.data.near_misses import TURN_LIMIT, WALKER
 from vpsci_ros.world.observation import STEP
 
 Names = Mapping[int, str]  # ids in the recording by number, where they differ

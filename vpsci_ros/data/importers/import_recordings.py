@@ -13,8 +13,7 @@ from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.pairs import near_misses_of
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, require_agreement, summed
 from vpsci_ros.data.importers.tracks import Clip, Importer, require_source
-from vpsci_ros.data.near_misses import concat_near_misses
-from vpsci_ros.data.reference import KINDS, WALKER
+from vpsci_ros.data.near_misses import KINDS, WALKER, concat_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 

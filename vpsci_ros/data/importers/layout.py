@@ -35,8 +35,7 @@ from vpsci_ros.data.importers.tracks import (
     spaces,
     spacing,
 )
-from vpsci_ros.data.near_misses import TURN_LIMIT
-from vpsci_ros.data.reference import WALKER
+from vpsci_ros.data.near_misses import TURN_LIMIT, WALKER
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP

@@ -12,7 +12,7 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.importers.tracks import alike, require_source
-from vpsci_ros.data.reference import CYCLIST, SCOOTER, WALKER
+from vpsci_ros.data.near_misses import CYCLIST, SCOOTER, WALKER
 from vpsci_ros.documents import read_yaml, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown

@@ -1,6 +1,6 @@
 """Near misses of clips: the CurvTTC of each vehicle with each pedestrian while both are tracked.
 
-The whole joint track of a near miss is stored; `vpsci_ros.data.reference` selects the rows for training.
+The whole joint track of a near miss is stored; `vpsci_ros.data.corpus` selects the rows for training.
 """
 
 import math
@@ -15,8 +15,7 @@ from vpsci_ros.data.courses import Floats, slope, trailing_slope
 from vpsci_ros.data.importers.agreement import MOVING_SENSOR, checked, moving_sensor
 from vpsci_ros.data.importers.summary import ImportResult, SourceSummary, least_quartiles, summed
 from vpsci_ros.data.importers.tracks import FAST, Clip, LeftOut, Track, median_speed
-from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
-from vpsci_ros.data.reference import WALKER, completed, curvttc_of
+from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, WALKER, completed, curvttc_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS
 from vpsci_ros.world.observation import STEP

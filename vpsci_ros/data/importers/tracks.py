@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.reference import CYCLIST, WALKER
+from vpsci_ros.data.near_misses import CYCLIST, WALKER
 from vpsci_ros.documents import foreign, listed, reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.reference import around_critical
+from vpsci_ros.data.corpus import around_critical
 from vpsci_ros.evaluation.statistics import Units
 from vpsci_ros.extras.paper.section_4 import safety_compare
 from vpsci_ros.extras.paper.section_4.safety_compare import MEASURES, first_flags

@@ -13,9 +13,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data import reference
+from vpsci_ros.data.corpus import table_hash
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.near_misses import read_near_misses, table_hash
+from vpsci_ros.data.near_misses import clean as without_flagged
+from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.onsets import STEPS, Onsets, find_onsets
@@ -68,7 +69,7 @@ def measure_realism(
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
-    :param clean: only interactions with a driving vehicle, a seen onset and paths that meet (`data.reference.clean`).
+    :param clean: only interactions with a driving vehicle, a seen onset and paths that meet (`data.near_misses.clean`).
     :param seed: of everything that is drawn.
     :param most: onsets that are measured at most, drawn by `seed`; None: all.
     :param dataset: generated episodes, for B; `episodes` of them at most, the same number of each scenario.
@@ -85,7 +86,7 @@ def measure_realism(
     notify("onsets", 0, total)
     if taken := sorted(set(simulators) & set(CONTROLS)):
         raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
-    chosen = [reference.clean(t) if clean else t for t in (table, library) if t is not None]
+    chosen = [without_flagged(t) if clean else t for t in (table, library) if t is not None]
     onsets = drawn(find_onsets(chosen[0]), most, seed)
     borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
     same_start = SameStart(onsets, borrowed, seed, repetitions)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.padding import Padding
 
+from vpsci_ros.data.corpus import around_critical
 from vpsci_ros.data.courses import slope
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
-from vpsci_ros.data.reference import around_critical
 from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, units_of
 from vpsci_ros.runs.text_table import text_table
 from vpsci_ros.safety import (

@@ -8,10 +8,9 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import clean, read_near_misses
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
-from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.published import CRITICAL_SHARES, KS, WASSERSTEIN
 from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, by_bins

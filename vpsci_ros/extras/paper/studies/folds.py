@@ -6,8 +6,8 @@ from dataclasses import fields
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.corpus import place_of, split_off
 from vpsci_ros.data.interactions import Interactions, from_table
-from vpsci_ros.data.near_misses import place_of, split_off
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, eligible
 

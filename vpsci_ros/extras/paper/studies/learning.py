@@ -14,12 +14,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.corpus import NO_CLIPS, held_out_by, table_hash
 from vpsci_ros.data.interactions import Interactions, from_table
-from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import NO_CLIPS, HeldOut, held_out_by
+from vpsci_ros.evaluation.held_out import HeldOut, by_name
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
-from vpsci_ros.evaluation.protocols import reconstruct
+from vpsci_ros.evaluation.protocols import continued, reconstruct
 from vpsci_ros.extras.paper.published import TABLE_3
 from vpsci_ros.extras.paper.studies.networks import Report
 from vpsci_ros.extras.paper.studies.state import StudyReport, is_made, once, side_by_side
@@ -80,7 +80,7 @@ def sample_size_study(
     if held_out is not None:
         control = held_out.control | rewards(RepeatVelocity(), held_out.interactions)
         rows.append({"interactions": REPEATED} | control)
-        rows.append({"interactions": FADING} | held_out.fading)
+        rows.append({"interactions": FADING} | by_name(continued(held_out.interactions)))
     return _written(rows, out_dir / "table_3.csv")
 
 

@@ -13,10 +13,9 @@ from typing import Any
 
 import polars as pl
 
+from vpsci_ros.data.corpus import NO_CLIPS, table_hash
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.held_out import NO_CLIPS
 from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_table import COST, REFERENCE, Hybrid, Measuring, Pooled, shares_of_ends
 from vpsci_ros.extras.paper.studies.networks import Report, by_reinforcement, train, untrained

@@ -11,8 +11,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data.corpus import table_hash
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.data.near_misses import table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import ade_share, compare

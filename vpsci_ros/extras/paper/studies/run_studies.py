@@ -8,7 +8,8 @@ from typing import Any
 from rich.console import Console
 
 from vpsci_ros.cli.stages import Stage1Inputs, stage_1_inputs, stage_2_parameters
-from vpsci_ros.data.near_misses import corpus_files, read_near_misses
+from vpsci_ros.data.corpus import corpus_files
+from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.models import ROWS

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.reference import clean
+from vpsci_ros.data.near_misses import clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.predictors import predictor_of
