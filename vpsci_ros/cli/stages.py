@@ -60,11 +60,8 @@ def stage_2_parameters(sections: Sections) -> tuple[LearnerConfig, RefineConfig,
 
     :raises InvalidInput: a parameter is refused, or the section is of stage 1.
     """
-    learner, config, simulation = (
-        _learner(sections, "refine"),
-        sections.get(RefineConfig, "learner"),
-        simulation_of(sections),
-    )
+    learner, config = _learner(sections, "refine"), sections.get(RefineConfig, "learner")
+    simulation = simulation_of(sections)
     require_learnable(simulation.world)
     return learner, config, simulation
 

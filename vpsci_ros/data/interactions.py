@@ -66,6 +66,11 @@ class Interactions:
         """Recorded velocities of each agent at the next step, float32[N, T, 2] [m/s]."""
         return self._seen_and_done[2]
 
+    def came_to(self, row: NDArray[np.int64], at: NDArray[np.int64]) -> _ByAgent:
+        """Return the accelerations [m/s2] with which agents come to steps `at` of the rows, float32[M, 2]; 0 at 0."""
+        known = (at > 0)[:, None].astype(np.float32)
+        return {agent: self.action[agent][row, np.maximum(at - 1, 0)] * known for agent in AGENTS}
+
     def __len__(self) -> int:
         return len(self.length)
 

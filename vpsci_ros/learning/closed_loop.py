@@ -21,15 +21,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.evaluation.scene import (
-    Scene,
-    advance,
-    observe,
-    scene_at,
-    time_to_collision,
-    to_heading_frame,
-)
-from vpsci_ros.learning.replay import History, came_to
+from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision, to_heading_frame
+from vpsci_ros.learning.replay import History
 from vpsci_ros.learning.training_config import ClosedLoopConfig
 from vpsci_ros.policy.actor import Actors
 from vpsci_ros.policy.sst import Memory
@@ -208,7 +201,7 @@ class Recorded:
         mirrored = torch.from_numpy(rng.random(len(row)) < 0.5)
         motion = self._motion[row] * torch.where(mirrored[:, None, None], _MIRRORED_MOTION, 1.0)
         across = torch.where(mirrored[:, None], _MIRRORED, 1.0)
-        came = {agent: values * across for agent, values in came_to(own, row, at).items()}
+        came = {agent: torch.from_numpy(values) * across for agent, values in own.came_to(row, at).items()}
         return self._moved(motion, row, at, came, rng)
 
     def _moved(

@@ -128,7 +128,7 @@ def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArr
     return Batch(
         observation={agent: cut(interactions.observation[agent], WINDOW + 1) for agent in AGENTS},
         curvttc=cut(interactions.curvttc, WINDOW + 1, np.inf),
-        came=came_to(interactions, row, begin),
+        came={agent: torch.from_numpy(values) for agent, values in interactions.came_to(row, begin).items()},
         action={agent: cut(interactions.action[agent], WINDOW) for agent in AGENTS},
         next_velocity={agent: cut(interactions.next_velocity[agent], WINDOW) for agent in AGENTS},
         events={agent: torch.zeros(len(row), WINDOW, 2) for agent in AGENTS},
@@ -138,13 +138,6 @@ def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArr
         length=torch.from_numpy(length),
         scene=scene_at(torch.from_numpy(interactions.motion[row]), torch.from_numpy(at)),
     )
-
-
-def came_to(interactions: Interactions, row: NDArray[np.int64], at: NDArray[np.int64]) -> dict[str, Tensor]:
-    """Return the accelerations [m/s2] with which agents come to recorded steps, float32[M, 2]; 0 at the first."""
-    known = (at > 0)[:, None]
-    own = {agent: interactions.action[agent][row, np.maximum(at - 1, 0)] * known for agent in AGENTS}
-    return {agent: torch.from_numpy(values.astype(np.float32)) for agent, values in own.items()}
 
 
 def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generator) -> Batch:
