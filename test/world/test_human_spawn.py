@@ -5,9 +5,8 @@ import pytest
 from world.helpers import SCENARIOS, frames, run
 
 from vpsci_ros.world import RUNNING, World, WorldConfig, calibration
-from vpsci_ros.world.kinematics import MAX_DECELERATION
+from vpsci_ros.world.kinematics import MAX_DECELERATION, RUNNING_SPEED
 from vpsci_ros.world.monitor import assess
-from vpsci_ros.world.motion import RUNNING_SPEED
 
 HUMAN = WorldConfig(spawn="human", vehicle_driver="autopilot", pedestrian_driver="autopilot")
 PAIRS = [(scenario, number) for number in range(60) for scenario in range(1, 9)]

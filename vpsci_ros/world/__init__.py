@@ -10,7 +10,6 @@ In reading order:
 * `tick`: the values of one tick: the world's `Tick`, the monitor's `Assessment` of it, the agents' `Actions`
 * `state`: the state of the world: one record for each pair of a vehicle and a pedestrian ("slot"), and event records
 * `engine`: one tick of one episode after another: the compiled part of `World.advance`
-* `motion`: the motion of vehicle and pedestrian through one tick, by controls and by an acceleration
 * `kinematics`: motion from accelerations: equations (8), (9) and (18)-(24), and the kinematic bicycle of the Model 3
 * `handover`: hand-over and hand-back: the rule-based pair acts until CurvTTC is critical, then the policies
 * `monitor`: the safety monitor's core: CurvTTC of every parallel episode, and which of them are critical

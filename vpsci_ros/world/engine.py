@@ -10,7 +10,7 @@ from vpsci_ros.world.crowd import share_action, share_motion, step_off
 from vpsci_ros.world.drivers import EXTERNAL, POLICY, REPLAY, acceleration, controls, replay
 from vpsci_ros.world.drivers.social_force import keep_apart
 from vpsci_ros.world.handover import update
-from vpsci_ros.world.motion import move_pedestrian, move_vehicle
+from vpsci_ros.world.kinematics import move_pedestrian, move_vehicle
 from vpsci_ros.world.paths import project
 from vpsci_ros.world.spawns import limit_of, release_of
 from vpsci_ros.world.state import (

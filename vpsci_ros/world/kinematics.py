@@ -1,14 +1,16 @@
 """Motion from accelerations: equations (8), (9) and (18)-(24), and the kinematic bicycle of the Model 3.
 
-Scalar functions, compiled, each for one agent; the world calls them slot by slot, so that an episode's bits do not
-depend on its batch. The bicycle's reference point, the one that moves along the heading without side slip, is the
-centre of the vehicle's rectangle, as in CurvTTC and as (18) has it: tan(steering angle) / wheelbase is the curvature
-of the centre's path, and its lateral acceleration is speed squared times that.
+Scalar functions, compiled, each for one agent, and two that move the agents of an EPISODE record by them. The world
+calls these slot by slot, so that an episode's bits do not depend on its batch. The bicycle's reference point, the one
+that moves along the heading without side slip, is the centre of the vehicle's rectangle, as in CurvTTC and as (18) has
+it: tan(steering angle) / wheelbase is the curvature of the centre's path, and its lateral acceleration is speed squared
+times that.
 """
 
 import math
 
-from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.compiled import inlined, kernel
+from vpsci_ros.world.kinds import TOP_SPEED
 
 WHEELBASE = 2.875  # [m] L of (18), as are the limits below
 MAX_ACCELERATION = 9.25  # [m/s2]
@@ -16,6 +18,7 @@ MAX_DECELERATION = 8.88  # [m/s2]
 MAX_STEERING_ANGLE = 0.52  # [rad] of the front wheels
 SHARPEST_TURN = math.tan(MAX_STEERING_ANGLE) / WHEELBASE  # [1/m]
 EPSILON = 1e-6  # [m2/s2] epsilon of (18)
+RUNNING_SPEED = 5.0  # [m/s] that a pedestrian does not exceed: above the 4 m/s of the paper's fastest walkers
 
 
 @kernel
@@ -96,3 +99,30 @@ def walk(
         vx *= limit / speed
         vy *= limit / speed
     return x + vx * period, y + vy * period, vx, vy
+
+
+@inlined
+def move_vehicle(episode, steer, throttle, brake, period):  # type: ignore[no-untyped-def]
+    """Move the vehicle through one tick with these controls, clipped to their limits."""
+    steer = min(1.0, max(-1.0, steer))
+    throttle, brake = min(1.0, max(0.0, throttle)), min(1.0, max(0.0, brake))
+    speed = episode.vehicle_speed
+    place = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading
+    x, y, heading, next_speed, distance = drive(*place, speed, steer, throttle, brake, period)
+    episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, episode.vehicle_speed = x, y, heading, next_speed
+    episode.vehicle_acceleration = (next_speed - speed) / period
+    if distance > 0.0:
+        episode.vehicle_curvature = curvature_of(steer)
+    episode.steer, episode.throttle, episode.brake = steer, throttle, brake
+    episode.vehicle_path += distance
+
+
+@inlined
+def move_pedestrian(episode, ax, ay, settings):  # type: ignore[no-untyped-def]
+    """Move the pedestrian through one tick with an acceleration (ax, ay) [m/s2] in the map frame."""
+    now = episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy
+    x, y, vx, vy = walk(*now, ax, ay, 1.0, min(RUNNING_SPEED, TOP_SPEED[episode.kind]), settings.period)
+    episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
+    episode.pedestrian_ax = (vx - episode.pedestrian_vx) / settings.period
+    episode.pedestrian_ay = (vy - episode.pedestrian_vy) / settings.period
+    episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy = x, y, vx, vy

@@ -22,7 +22,7 @@ from vpsci_ros.world.crowd import (
 )
 from vpsci_ros.world.drivers import walker
 from vpsci_ros.world.kinds import draw_kind
-from vpsci_ros.world.motion import move_pedestrian
+from vpsci_ros.world.kinematics import move_pedestrian
 from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.spawns import begin, join, put
 from vpsci_ros.world.spawns.approach import step_towards

@@ -3,7 +3,7 @@
 import math
 
 from vpsci_ros.world.compiled import inlined
-from vpsci_ros.world.motion import move_pedestrian, move_vehicle
+from vpsci_ros.world.kinematics import move_pedestrian, move_vehicle
 
 
 @inlined
