@@ -13,9 +13,8 @@ from vpsci_ros.exam.comparison import Earlier, compare
 from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.exam import DRIVERS, ExamConfig
 from vpsci_ros.exam.measures import episode_table
-from vpsci_ros.exam.picture import BOTTOM, FARTHEST, distances, rates
 from vpsci_ros.exam.report import make_report
-from vpsci_ros.exam.report_page import must_see, write_page
+from vpsci_ros.exam.report_page import BOTTOM, FARTHEST, distances, must_see, rates, write_page
 from vpsci_ros.exam.result import Conduct, RunResult
 
 FIVE = list(DRIVERS)

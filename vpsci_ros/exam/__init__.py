@@ -18,8 +18,8 @@ In reading order:
 * `criteria`: criteria such as "SR-12: collision_rate > 0.05 @learned": parsed without evaluating code
 * `power`: how large a change an exam can see, and how many episodes a change needs, in words
 * `comparison`: the comparison with an earlier exam: which episodes are fixed, newly or still failing
-* `report_page`: an exam's report: a self-contained HTML page, and a table on the terminal
-* `picture`: the picture with which the report begins: rates of failures, and distances in the worst encounters
+* `report_page`: an exam's report as a self-contained HTML page: a picture, what changed, and all results
+* `terminal`: an exam's results as a table on the terminal
 * `view`: an exam's episodes for the page that plays them: the driving system beside the autopilot
 * `markdown`: the verdict of an exam as Markdown for a merge request (summary.md)
 * `junit`: the verdict of an exam as JUnit XML (junit.xml), for continuous integration

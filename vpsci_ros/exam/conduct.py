@@ -28,9 +28,10 @@ from vpsci_ros.exam.junit import write_junit
 from vpsci_ros.exam.markdown import write_summary
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table
 from vpsci_ros.exam.report import make_report, standing
-from vpsci_ros.exam.report_page import print_report, write_page
+from vpsci_ros.exam.report_page import write_page
 from vpsci_ros.exam.result import Conduct, RunResult, label_of, read_result, run_folder
 from vpsci_ros.exam.run import autopilot_run, is_done, run_with
+from vpsci_ros.exam.terminal import print_report
 from vpsci_ros.exam.timing import Timing, head_starts, not_met, summary, timing_of
 from vpsci_ros.exam.travel import arrived, files_to_take
 from vpsci_ros.exam.view import autopilot_file, exam_sources

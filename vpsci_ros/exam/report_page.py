@@ -1,21 +1,20 @@
-"""An exam's report: a self-contained HTML page, and a table on the terminal."""
+"""An exam's report as a self-contained HTML page: a picture, what changed, and all results.
+
+The template draws the picture as SVG; here is what lies where, in units of its view boxes.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.exam import picture
-from vpsci_ros.exam.criteria import verdict_value
+from vpsci_ros.exam.criteria import limits, verdict_value
 from vpsci_ros.exam.exam import ADS, ALONE, BASELINE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.power import can_see
-from vpsci_ros.exam.report import FAILED_BEFORE
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES
 from vpsci_ros.exam.timing import sentence
 from vpsci_ros.exam.view import MARKS
@@ -25,16 +24,14 @@ from vpsci_ros.report import html
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
 GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
 SLOW = 1.0  # [s] of time lost, from which on an episode is one to see
-_SHOWN = {
-    "collision_rate": "colli-\nsions",
-    "moving_collision_rate": "while\nmoving",
-    "conflict_rate": "con-\nflicts",
-    "arrived_rate": "arri-\nved",
-    "never_arrived_rate": "never\narri-\nved",
-    "stood_still_rate": "stood\nstill",
-    "time_lost": "time\nlost\n\\[s]",
-}
-"""Measures that are printed, and the heads of their columns."""
+WIDTH, LEFT, RIGHT = 480.0, 150.0, 410.0  # of both drawings, and of the axis of rates between names and numbers
+ROW = 38.0  # height of a pedestrian
+HEIGHT, BOTTOM = 220.0, 190.0  # of the drawing of distances, and where its axis of time lies
+COLOURS = ("#d55e00", "#0072b2", "#009e73")  # Okabe and Ito's, which most people can distinguish
+FARTHEST = 20.0  # [m] that is drawn
+_SCALES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # largest share of an axis
+_SECONDS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # between the marks of an axis
+
 _KEY = ["pedestrian", "scenario", "episode"]
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
@@ -55,8 +52,8 @@ def write_page(
     values: dict[str, Any] = {"rates": None, "must_see": []}
     if report["drivers"].get(ADS):
         seen = must_see(table)
-        drawn = {"rates": picture.rates(report), "distances": picture.distances(seen, episodes)}
-        values = {"must_see": list(zip(seen, picture.COLOURS, strict=False))} | drawn | _summary(report)
+        drawn = {"rates": rates(report), "distances": distances(seen, episodes)}
+        values = {"must_see": list(zip(seen, COLOURS, strict=False))} | drawn | _summary(report)
     html.write_page(
         path,
         _TEMPLATE,
@@ -73,9 +70,63 @@ def write_page(
         view=view,
         marks=set(MARKS),
         timing=sentence(report),
-        size=picture,
+        width=WIDTH,
         **values,
     )
+
+
+def rates(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the drawing of the failures with each pedestrian: rows of dots with intervals, limits of criteria, marks.
+
+    :param report: as report.json has it.
+    """
+    measure, drivers = f"{report['failure']}_rate", report["drivers"]
+    found = {driver: {name: row[measure] for name, row in rows.items() if row[measure]["value"] is not None}
+             for driver, rows in drivers.items()}  # fmt: skip
+    limit = limits(report["criteria"], measure)
+    most = max([*(row["high"] for rows in found.values() for row in rows.values()), *limit.values()], default=0.0)
+    scale = next((scale for scale in _SCALES if scale >= most), 1.0)
+
+    def at(share: float) -> float:
+        return round(LEFT + (RIGHT - LEFT) * min(share / scale, 1.0), 1)
+
+    rows = []
+    for place, name in enumerate(drivers[ADS]):
+        middle = ROW * (place + 0.5)
+        dots = [
+            {"driver": driver, "y": middle + (-7.0 if driver == ADS else 8.0), "text": f"{100.0 * row['value']:.1f}%",
+             **{key: at(row[key]) for key in ("value", "low", "high")}}
+            for driver, of in found.items() if (row := of.get(name))
+        ]  # fmt: skip
+        limited = at(limit[name]) if name in limit else None
+        rows.append({"title": title_of(name), "y": middle, "dots": dots, "limit": limited})
+    marks = [(at(share), f"{100.0 * share:g}%") for share in (0.0, 0.5 * scale, scale)]
+    return {"title": report["definitions"][measure]["title"], "rows": rows, "marks": marks, "height": ROW * len(rows)}
+
+
+def distances(chosen: Sequence[Mapping[str, Any]], episodes: Mapping[str, Sequence[Episode]]) -> dict[str, Any]:
+    """Return the drawing of the distance to the nearest pedestrian over time, a line for each chosen episode.
+
+    :param chosen: rows of the table of episodes; `episodes`: pedestrian -> episodes of the ADS, frame by frame.
+    """
+    drives = [next(each for each in episodes[row["pedestrian"]] if each.key == (row["scenario"], row["episode"]))
+              for row in chosen]  # fmt: skip
+    longest = max((float(episode.time[-1]) for episode in drives), default=0.0) or 1.0
+    step = next((step for step in _SECONDS if longest <= 6.0 * step), _SECONDS[-1])
+    left = 40.0
+
+    def at(time: float) -> float:
+        return round(left + (WIDTH - left - 10.0) * time / longest, 1)
+
+    lines = []
+    for episode, colour in zip(drives, COLOURS, strict=False):
+        near = np.fmin(np.fmin.reduce(episode.filled().distance, axis=0), FARTHEST)
+        places = [(at(float(t)), BOTTOM * (1.0 - float(d) / FARTHEST)) for t, d in zip(episode.time, near, strict=True)]
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+        lines.append({"points": points, "end": places[-1], "touched": episode.outcome == "collision", "colour": colour})
+    across = [(at(time), f"{time:g} s") for time in np.arange(0.0, longest + 1e-6, step).tolist()]
+    up = [(BOTTOM * (1.0 - d / FARTHEST), f"{d:g} m") for d in (0.0, 0.5 * FARTHEST, FARTHEST)]
+    return {"lines": lines, "across": across, "up": up, "left": left, "height": HEIGHT, "bottom": BOTTOM}
 
 
 def _changes(report: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -153,47 +204,3 @@ def must_see(table: pl.DataFrame) -> list[dict[str, Any]]:
         if new is not None:
             found.append(new | {"why": why.format(**new)})
     return found[:3]
-
-
-def print_report(report: Mapping[str, Any], page: Path) -> None:
-    """Print the measures of the ADS and the autopilot with each pedestrian, and the verdict.
-
-    :param page: the report page, which the last line names.
-    """
-    console = Console()
-    view = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    view.add_column("", no_wrap=True)
-    for head in _SHOWN.values():
-        view.add_column(head, justify="right")
-    for driver, scores in report["drivers"].items():
-        view.add_section()
-        view.add_row({ADS: "the ADS", BASELINE: "rule-based autopilot"}[driver], style="bold")
-        for name, row in scores.items():
-            view.add_row(f"  {title_of(name)}", *(_cell(row[measure]["value"], measure) for measure in _SHOWN))
-    console.print(view)
-    for name, row in report.get("against", {}).get("pedestrians", {}).items():
-        counts = ", ".join(f"{len(row[kind])} {kind.replace('_', ' ')}" for kind in FAILED_BEFORE)
-        seen = can_see(row["differences"][measure := f"{report['failure']}_rate"], measure)
-        text = f"against {report['against']['folder']}, {title_of(name)}: {counts}{'; ' if seen else ''}{seen}"
-        console.print(text, markup=False, highlight=False)
-    for name in report.get("against", {}).get("not_compared", []):
-        text = f"against {report['against']['folder']}, {title_of(name)}: no episode in common, nothing is compared"
-        console.print(text, markup=False)
-    if found := report["range"]:
-        console.print(
-            f"{found['beyond']} of {found['of']} critical episodes with the default pedestrian begin beyond the range "
-            "of its recorded reactions",
-            markup=False,
-            highlight=False,
-        )
-    for text in report["failures"]:
-        console.print(f"FAILED  {text}", style="bold red", markup=False)
-    if not report["failures"]:
-        console.print("passed" if report["criteria"] else "no criterion was given (--fail-if)")
-    console.print(f"with intervals and differences: {page}", markup=False)
-
-
-def _cell(value: float | None, measure: str) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.2f}" if measure == "time_lost" else f"{100.0 * value:.1f}%"
