@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.drivers import Answer, Scene
+from vpsci_ros.exam.drivers import Answer, Observation, Scene, as_odometry
 from vpsci_ros.exam.process import class_process, files_of_class, find_driver
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import World, WorldConfig, load_scenario
+from vpsci_ros.world.observation import AGENTS
 
 Drive = Callable[..., list[Answer]]
 ONE = Answer("vehicle", (1.0, 0.0))
@@ -23,7 +24,8 @@ ONE = Answer("vehicle", (1.0, 0.0))
 def a_scene(car: int = 0) -> Scene:
     config = WorldConfig(vehicle_driver="external", pedestrian_driver="autopilot", spawn="paper")
     state = World(config, [load_scenario(1)], [(1, car)], 1, 0).state
-    return Scene(car, (1, car, 7), 0.0, state, np.array([9.0]), np.array([20.0]), None)
+    motion = [as_odometry(state[0], agent) for agent in AGENTS]
+    return Scene(car, (1, car), 7, Observation(0.0, motion[0], (motion[1],), 9.0, 20.0, state, np.array([9.0])))
 
 
 def mine(act: str, before: str = "") -> str:

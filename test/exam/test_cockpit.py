@@ -1,13 +1,17 @@
 """What the driver of a car gets at a tick, and which answers are commands."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.drivers import Begin, Cockpit, Observation, Scene, command_of_answer
+from vpsci_ros.exam.drivers import Begin, Cockpit, DrivenLoop, Observation, command_of_answer
+from vpsci_ros.safety import HORIZON
 from vpsci_ros.world import World, WorldConfig, load_scenario
+from vpsci_ros.world.loop import Loop
 
 
 @pytest.mark.parametrize(
@@ -41,30 +45,31 @@ def test_an_answer_is_an_acceleration_or_two_or_steering_throttle_and_brake() ->
     assert command_of_answer(np.array([0.1, 0.0, 1.0])) == ("vehicle_control", (0.1, 0.0, 1.0))
 
 
-def test_each_seat_has_a_driver_of_its_own_which_learns_where_it_is_and_sees_what_the_environment_shows() -> None:
+def test_each_seat_has_a_driver_of_its_own_which_learns_where_it_is_and_sees_what_the_environment_shows(
+    tmp_path: Path,
+) -> None:
     begun: dict[Any, list[Begin]] = {}
-    seen: list[Observation] = []
+    seen: list[tuple[Observation, NDArray[np.float32]]] = []
 
     class Mine:
         def reset(self, begin: Begin) -> None:
             begun.setdefault(self, []).append(begin)
 
         def act(self, observation: Observation) -> float:
-            seen.append(observation)
+            seen.append((observation, observation.of_environment()))
             return 0.5
 
     scenario = load_scenario(1)
-    state = World(WorldConfig(spawn="paper"), [scenario], [(1, 4), (1, 5)], 2, 0).state
+    config = WorldConfig(spawn="paper", vehicle_driver="external")
+    loop = Loop(World(config, [scenario], [(1, 4), (1, 5)], 2, 0))
     cockpit = Cockpit(Mine, [scenario], 2, "paper")
-    near = np.array([4.0]), np.array([9.0])
-    scenes = [Scene(n, (1, 4 + n, 70 + n), 0.0, state[n : n + 1], *near, None) for n in (0, 1)]
-    assert [answer.values for answer in cockpit.answers(scenes)] == [(0.5, 0.0)] * 2
-    assert [[(b.scenario.number, b.episode, b.seed) for b in each] for each in begun.values()] == [
-        [(1, 4, 70)],
-        [(1, 5, 71)],
-    ]
-    assert (seen[0].curvttc, seen[0].distance, len(seen[0].pedestrians)) == (4.0, 9.0, 1)
-    vector = seen[1].of_environment()
+    step = next(DrivenLoop(loop, cockpit.answers, None, tmp_path / "log").ticks(lambda _: None))
+    assert step.actions.vehicle is not None
+    assert step.actions.vehicle.tolist() == [[0.5, 0.0]] * 2
+    assert [[(b.scenario.number, b.episode) for b in each] for each in begun.values()] == [[(1, 4)], [(1, 5)]]
+    assert len({each.seed for (each,) in begun.values()}) == 2
+    (first, _), (second, vector) = seen
+    assert (first.curvttc, first.distance, len(first.pedestrians)) == (step.curvttc[0], step.distance[0], 1)
     assert vector.shape == (21,)
-    assert vector[0] == np.float32(seen[1].vehicle.speed)
-    assert vector[20] == np.float32(4.0)
+    assert vector[0] == np.float32(second.vehicle.speed)
+    assert vector[20] == np.float32(min(HORIZON, step.curvttc[1]))

@@ -9,7 +9,7 @@ A driver that raises, or answers with something that is no command, loses that e
 import math
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -63,12 +63,13 @@ class Observation:
     distance: float
     _state: NDArray[np.void]  # EPISODE[P]
     _curvttc: NDArray[np.float64]  # [P]
-    _tables: Tables
+    _tables: Tables | None = None  # of the driver's process, which has them once for all ticks
 
     def of_environment(self) -> NDArray[np.float32]:
         """Return this tick as the observation of `RightTurnEnv`, float32[21], see `vpsci_ros.envs.task`."""
         from vpsci_ros.envs.task import observe
 
+        assert self._tables is not None, "the cockpit gives them"
         nearest = self._curvttc.argmin()
         shown: NDArray[np.float32] = observe(self._state, self._curvttc, self._tables)[nearest]
         return shown
@@ -129,20 +130,13 @@ class Scene(NamedTuple):
     """One tick of one episode, which the driver of the episode's car answers.
 
     :ivar car: number of the car, and of its driver.
-    :ivar begins: number of the scenario, number of the episode and seed, at its first tick; else None.
-    :ivar time: since it began [s].
-    :ivar state: EPISODE[P].
-    :ivar curvttc, distance: float64[P] [s], [m].
-    :ivar objects: OBJECT[P] of `/perception/objects`; None: the driver has odometry.
+    :ivar seed: of `Begin`, at the first tick of the episode; else None.
     """
 
     car: int
-    begins: tuple[int, int, int] | None
-    time: float
-    state: NDArray[np.void]
-    curvttc: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    objects: NDArray[np.void] | None
+    key: Key
+    seed: int | None
+    observation: Observation
 
 
 class Answer(NamedTuple):
@@ -207,10 +201,10 @@ class Cockpit:
     def _answer(self, scene: Scene) -> Answer:
         driver, returned = self._drivers[scene.car], False
         try:
-            if scene.begins is not None:
-                number, episode, seed = scene.begins
-                driver.reset(Begin(self._scenarios[number], episode, seed))
-            answer = driver.act(self._observation(scene))
+            if scene.seed is not None:
+                scenario, episode = scene.key
+                driver.reset(Begin(self._scenarios[scenario], episode, scene.seed))
+            answer = driver.act(replace(scene.observation, _tables=self._tables))
             returned = True
             return Answer(*command_of_answer(answer))
         except KeyboardInterrupt:
@@ -218,22 +212,6 @@ class Cockpit:
         except BaseException as error:  # noqa: BLE001  # the driving system's class may raise anything
             trace = "".join(traceback.format_exception(error))[-_TRACED:]
             return Answer(error=said(error), trace=trace, refused=returned)
-
-    def _observation(self, scene: Scene) -> Observation:
-        present = scene.state[scene.state["status"] != IDLE]
-        people = [as_odometry(record, "pedestrian") for record in present]
-        if scene.objects is not None:
-            people = [as_object(record) for record in scene.objects[scene.objects["status"] == SEEN]]
-        return Observation(
-            time=scene.time,
-            vehicle=as_odometry(scene.state[0], "vehicle"),
-            pedestrians=tuple(people),
-            curvttc=float(scene.curvttc.min()),
-            distance=float(scene.distance.min()),
-            _state=scene.state,
-            _curvttc=scene.curvttc,
-            _tables=self._tables,
-        )
 
 
 def said(error: BaseException) -> str:
@@ -311,7 +289,7 @@ class DrivenLoop:
         scenes = [self._scene(tick, assessment, rows, key, objects) for rows, key in driven]
         commands: list[tuple[slice, Sequence[float]]] = []
         for (rows, key), scene, answer in zip(driven, scenes, self._ask(scenes), strict=True):
-            if self._take(key, scene.time, answer):
+            if self._take(key, scene.observation.time, answer):
                 commands.append((rows, answer.values))
         if not self._form:
             return NO_ACTIONS
@@ -323,18 +301,24 @@ class DrivenLoop:
     def _scene(
         self, tick: Tick, assessment: Assessment, rows: slice, key: Key, objects: NDArray[np.void] | None
     ) -> Scene:
-        state = tick.state[rows]
+        state, curvttc = tick.state[rows], assessment.curvttc[rows]
         frame = int(state["frame"][0])
-        seed = int(np.random.SeedSequence([self._loop.world.seed, *key]).generate_state(1)[0]) if frame == 0 else 0
-        return Scene(
-            car=self._cars[key] if self._cars else rows.start // self._most,
-            begins=(*key, seed) if frame == 0 else None,
+        seed = None if frame else int(np.random.SeedSequence([self._loop.world.seed, *key]).generate_state(1)[0])
+        people = [as_odometry(record, "pedestrian") for record in state[state["status"] != IDLE]]
+        if objects is not None:
+            seen = objects[rows]
+            people = [as_object(record) for record in seen[seen["status"] == SEEN]]
+        observation = Observation(
             time=frame * self._period,
-            state=state,
-            curvttc=assessment.curvttc[rows],
-            distance=assessment.distance[rows],
-            objects=None if objects is None else objects[rows],
+            vehicle=as_odometry(state[0], "vehicle"),
+            pedestrians=tuple(people),
+            curvttc=float(curvttc.min()),
+            distance=float(assessment.distance[rows].min()),
+            _state=state,
+            _curvttc=curvttc,
         )
+        car = self._cars[key] if self._cars else rows.start // self._most
+        return Scene(car, key, seed, observation)
 
     def _take(self, key: Key, time: float, answer: Answer) -> bool:
         """Return whether an answer is a command of the first one's form; if not, the episode is lost."""

@@ -149,8 +149,7 @@ def _driven(loop: Loop, make: Callable[[], Any]) -> Iterator[Step]:
     def answers(scenes: Sequence[Scene]) -> Iterable[Answer]:
         for scene, answer in zip(scenes, cockpit.answers(scenes), strict=True):
             if answer.error:
-                first = scene.state[0]
-                when = f"{first['scenario']}:{first['episode']} at {scene.time:.2f} s"
+                when = f"{scene.key[0]}:{scene.key[1]} at {scene.observation.time:.2f} s"
                 raise VpsciError(f"{what} did not drive {when}: {answer.error}\n{answer.trace}".rstrip())
             yield answer
 
