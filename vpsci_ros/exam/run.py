@@ -116,7 +116,8 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
             agent.load(exam.default, version=1)
     starts, size = exam.head_starts, min(batch, len(episodes))
     world = World(config, exam.scenarios, episodes, size, exam.run.seed, recorded, head_starts=starts)
-    return Loop(world, agents, intervene=partial(intervened, exam.interventions) if vehicle == "external" else None)
+    changes = exam.interventions if vehicle == "external" else {}
+    return Loop(world, agents, intervene=partial(intervened, changes) if changes else None)
 
 
 def autopilot_run(exam: Exam, pedestrian: str, to: Path | None = None) -> RunResult:

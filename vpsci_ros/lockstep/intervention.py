@@ -77,8 +77,6 @@ def intervened(interventions: Mapping[Key, Intervention], state: NDArray[np.void
 
     A missing command stays missing.
     """
-    if not interventions:
-        return actions
     form = "vehicle" if actions.vehicle is not None else "vehicle_control"
     given = getattr(actions, form)
     values = None if given is None else given.copy()

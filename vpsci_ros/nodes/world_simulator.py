@@ -63,7 +63,7 @@ class WorldSimulator(GraphNode):
         if engine and interventions:
             raise InvalidInput(f"engine = {name}: interventions change the car by our kinematics; leave them out")
         world = make(self._config, scenarios, run.queue(), run.batch, run.seed, recorded, head_starts=starts)
-        self._loop = Loop(world, intervene=partial(intervened, interventions))
+        self._loop = Loop(world, intervene=partial(intervened, interventions) if interventions else None)
         self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":
