@@ -32,9 +32,9 @@ _WIDEST = "Math.max(...[...document.querySelectorAll('{}')].map(each => each.get
 
 
 def episodes(pedestrian, driver, collide):
-    """Twelve episodes, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
-    made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome="collision") for k in range(collide)]
-    made += [drive(np.linspace(5.0, 0.5, 40), curvttc=3.0, episode=k) for k in range(collide, 12)]
+    """Twelve episodes of 10 s, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
+    made = [drive(np.full(201, 1.0 + k), curvttc=1.0, episode=k, outcome="collision") for k in range(collide)]
+    made += [drive(np.linspace(5.0, 0.5, 201), curvttc=3.0, episode=k) for k in range(collide, 12)]
     return made, episode_table(RunResult(made), [], driver=driver, pedestrian=pedestrian)
 
 

@@ -116,7 +116,7 @@ def distances(chosen: Sequence[Mapping[str, Any]], episodes: Mapping[str, Sequen
     left = 40.0
 
     def at(time: float) -> float:
-        return round(left + (WIDTH - left - 10.0) * time / longest, 1)
+        return round(left + (WIDTH - left - 18.0) * time / longest, 1)  # with room for half of the last mark's text
 
     lines = []
     for episode, colour in zip(drives, COLOURS, strict=False):
