@@ -17,7 +17,7 @@ ROOMS = (
 """From the ground up."""
 BUDGETS = {
     "errors": 150, "documents": 300, "parameters": 300, "resources": 150, "runs": 1600, "safety": 1650,
-    "world": 5100, "lockstep": 700, "data": 4650, "policy": 3050, "cosim": 900, "evaluation": 1600, "learning": 2900,
+    "world": 5150, "lockstep": 700, "data": 4650, "policy": 3050, "cosim": 900, "evaluation": 1600, "learning": 2900,
     "report": 600, "wire": 950, "bags": 2050, "generate": 1400, "view": 400, "envs": 750, "nodes": 3600,
     "exam": 4100, "cli": 2050, "extras": 11400,
 }  # fmt: skip

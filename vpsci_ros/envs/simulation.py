@@ -17,9 +17,9 @@ from vpsci_ros.policy.agent_types import AGENT_TYPES, make_agent
 from vpsci_ros.policy.policy_config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.world import IDLE, OUTCOME_NAMES, World, WorldConfig, load_scenarios
+from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
-from vpsci_ros.world.world_config import PEDESTRIAN_DRIVERS
 
 Floats = NDArray[np.float64]
 _NONE = -1  # for a slot that has no seed yet

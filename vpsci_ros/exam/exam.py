@@ -32,6 +32,7 @@ from vpsci_ros.runs.run_config import PatienceConfig, RunConfig, Sections
 from vpsci_ros.runs.workers import HERE, Site
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
+from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS
 from vpsci_ros.world.perception import PerceptionConfig
 
 if TYPE_CHECKING:
@@ -50,21 +51,16 @@ SURPLUS_LIMIT = 100  # commands a tick beyond the first one; an ADS that sends m
 EXTERNAL = "external"  # an ADS that the user starts himself
 PERSON = "you"  # a person drives (`vpsci drive`)
 ADS, BASELINE = "ads", "autopilot"  # drivers of an exam: the system under test, and the autopilot beside it
-DRIVERS = {
-    LEARNED: "policy",
-    "recorded": "replay",
-    "walker": "autopilot",
-    "constant_velocity": "constant_velocity",
-    "social_force": "social_force",
-}
+DRIVERS = {LEARNED: "policy", "recorded": "replay", "walker": "autopilot"}
+_RULES = [name for name in PEDESTRIAN_DRIVERS if name not in (*DRIVERS.values(), EXTERNAL)]
+DRIVERS |= {name: name for name in _RULES}
 """Pedestrian -> the world's `pedestrian_driver`."""
 
 TITLES = {
     LEARNED: "default pedestrian",
     "recorded": "recorded pedestrian",
     "walker": "walker, does not react",
-    "constant_velocity": "constant velocity",
-    "social_force": "social force",
+    **{name: name.replace("_", " ") for name in _RULES},
     ALONE: "empty road",
 }
 

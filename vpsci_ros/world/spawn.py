@@ -20,16 +20,14 @@ from vpsci_ros.world.crowd import (
     step_off_after,
     walk_along,
 )
-from vpsci_ros.world.drivers import walker
+from vpsci_ros.world.drivers import REPLAY, walker
 from vpsci_ros.world.kinds import draw_kind
 from vpsci_ros.world.kinematics import move_pedestrian
 from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.spawns import begin, join, put
 from vpsci_ros.world.spawns.approach import step_towards
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
-from vpsci_ros.world.world_config import VEHICLE_DRIVERS
 
-REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents
 _TRIES = 16  # steps back until a pedestrian has room to begin
 
 
@@ -118,7 +116,7 @@ def _give_head_start(state, first, count, tables, settings, ticks, straight):  #
     for tick in range(max(0, ticks)):
         step_off(state, first, count, settings.period)
         for i in range(first, first + count):
-            ax, ay, smooth = walker.pedestrian(state[i], tables, settings)
+            ax, ay, smooth = walker.pedestrian(state[i], i, None, tables, settings)
             if smooth:
                 ax, ay = step_towards(state[i], ax, ay, settings.period)
             state[i].clock = (tick + 1) * settings.period

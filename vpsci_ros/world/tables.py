@@ -12,17 +12,12 @@ from numpy.typing import NDArray
 
 from vpsci_ros.world.calibration import TURNING_DECELERATION, mirrored, right_turns
 from vpsci_ros.world.crowd import Crowd
+from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.lane_driving import comfortable_speeds
 from vpsci_ros.world.paths import Path
 from vpsci_ros.world.scenario import Scenario
-from vpsci_ros.world.world_config import (
-    PAPERS_RELEASE,
-    PAPERS_TIME,
-    PEDESTRIAN_DRIVERS,
-    SPAWNS,
-    VEHICLE_DRIVERS,
-    WorldConfig,
-)
+from vpsci_ros.world.spawns import PAPERS_RELEASE, PAPERS_TIME, SPAWNS
+from vpsci_ros.world.world_config import WorldConfig
 
 _QUANTITIES = (
     "lane_step",  # [m] between samples of the lane
@@ -71,13 +66,13 @@ class Settings(NamedTuple):
     release_ticks: int  # without danger, after which control is given back
     papers_ticks: int  # `episode_ticks` by the rules of section 3.2, for the half of a mixed world
     papers_release_ticks: int  # `release_ticks` by these
-    vehicle_driver: int  # index in VEHICLE_DRIVERS
-    pedestrian_driver: int  # index in PEDESTRIAN_DRIVERS
+    vehicle_driver: int  # of VEHICLE_DRIVERS
+    pedestrian_driver: int  # of PEDESTRIAN_DRIVERS
     pedestrian_gain: float  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
     walk_on: bool  # beyond its goal the pedestrian walks on
     proximity_distance: float  # [m] below which the autopilot brakes
     lane_following: bool  # the vehicle's lateral action is added to what keeps the lane
-    spawn: int  # index in SPAWNS
+    spawn: int  # of SPAWNS
     pedestrians: int  # rows of an episode
 
 
@@ -110,13 +105,13 @@ def settings_from(config: WorldConfig) -> Settings:
         release_ticks=config.release_ticks,
         papers_ticks=round(PAPERS_TIME / config.tick),
         papers_release_ticks=round(PAPERS_RELEASE / config.tick),
-        vehicle_driver=VEHICLE_DRIVERS.index(config.vehicle_driver),
-        pedestrian_driver=PEDESTRIAN_DRIVERS.index(config.pedestrian_driver),
+        vehicle_driver=VEHICLE_DRIVERS[config.vehicle_driver],
+        pedestrian_driver=PEDESTRIAN_DRIVERS[config.pedestrian_driver],
         pedestrian_gain=config.pedestrian_gain,
         walk_on=config.walk_on,
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
-        spawn=SPAWNS.index(config.spawn),
+        spawn=SPAWNS[config.spawn],
         pedestrians=config.pedestrians,
     )
 

@@ -5,15 +5,10 @@ from dataclasses import dataclass, field
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.crowd import MOST, CrowdConfig
+from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.kinds import KindMixture
 from vpsci_ros.world.observation import STEP
-
-VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
-SPAWNS = ("right_turns", "human", "paper", "mixed")
-# the rules of section 3.2 that even episodes of a `mixed` world have: the gain of (21)-(24), and in seconds the end of
-# an episode and the time without danger to the hand-back ("overridden upon activation"); nothing but (18) steers
-PAPERS_GAIN, PAPERS_TIME, PAPERS_RELEASE = 0.5, 10.0, 0.5
-PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
+from vpsci_ros.world.spawns import SPAWNS
 
 
 @dataclass(frozen=True)
@@ -33,9 +28,13 @@ class WorldConfig:
     release_time: float = parameter(
         3.0, "time from the last critical tick to the hand-back", unit="s", low=0.0, high=60.0
     )
-    spawn: str = parameter("right_turns", "source of the initial motion of both agents (docs/world.md)", choices=SPAWNS)
-    vehicle_driver: str = parameter("policy", "driver of the vehicle (docs/world.md)", choices=VEHICLE_DRIVERS)
-    pedestrian_driver: str = parameter("policy", "driver of the pedestrian (docs/world.md)", choices=PEDESTRIAN_DRIVERS)
+    spawn: str = parameter(
+        "right_turns", "source of the initial motion of both agents (docs/world.md)", choices=tuple(SPAWNS)
+    )
+    vehicle_driver: str = parameter("policy", "driver of the vehicle (docs/world.md)", choices=tuple(VEHICLE_DRIVERS))
+    pedestrian_driver: str = parameter(
+        "policy", "driver of the pedestrian (docs/world.md)", choices=tuple(PEDESTRIAN_DRIVERS)
+    )
     pedestrian_gain: float = parameter(
         1.0,
         "share of its policy's or its command's acceleration that the pedestrian executes; (21)-(24) have 0.5",

@@ -38,7 +38,7 @@ def gap_ahead(state, first, count, proximity_distance):  # type: ignore[no-untyp
 
 
 @inlined
-def vehicle(state, i, count, keeping, tables, settings):  # type: ignore[no-untyped-def]
+def vehicle(state, i, count, keeping, _answers, tables, settings):  # type: ignore[no-untyped-def]
     """Return (steer, throttle, brake) for the next tick of the vehicle in the `count` rows from `i` on.
 
     :param keeping: curvature [1/m] that keeps the lane.

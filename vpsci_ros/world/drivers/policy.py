@@ -8,8 +8,9 @@ from vpsci_ros.world.spawns import as_recorded, gain_of, keeps_lane
 
 
 @inlined
-def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
+def vehicle(state, i, _count, keeping, _answers, _tables, settings):  # type: ignore[no-untyped-def]
     """Return (steer, throttle, brake) of the vehicle's policy; `keeping` [1/m] is the curvature that keeps the lane."""
+    episode = state[i]
     speed, along, left = episode.vehicle_speed, episode.vehicle_long, episode.vehicle_lat
     if keeps_lane(settings, episode):
         left += keeping * speed * speed
@@ -20,8 +21,8 @@ def vehicle(episode, keeping, settings):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def pedestrian(episode, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy in the map frame, times the gain."""
+def pedestrian(episode, _i, _answers, _tables, settings):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2] of the pedestrian's policy, map frame, and whether to limit its jerk."""
     ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
     gain = gain_of(settings, episode)
-    return gain * ax, gain * ay
+    return gain * ax, gain * ay, as_recorded(settings.spawn, episode)

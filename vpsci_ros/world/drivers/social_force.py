@@ -27,14 +27,15 @@ _HALF_LENGTH, _HALF_WIDTH = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
 
 
 @inlined
-def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the acceleration (ax, ay) [m/s2] of a pedestrian that wants to walk its route and avoids the vehicle."""
+def pedestrian(episode, _i, _answers, tables, settings):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2] of who wants to walk its route and avoids the vehicle; False."""
     wanted_x, wanted_y = episode.pedestrian_vx, episode.pedestrian_vy
     if not walker.early(episode, settings):
         wanted_x, wanted_y = walker.wanted(episode, walker.pace(episode, settings), tables, settings)
     now = episode.pedestrian_vx, episode.pedestrian_vy, episode.pedestrian_x, episode.pedestrian_y
     car = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, _HALF_LENGTH, _HALF_WIDTH
-    return social_force(wanted_x, wanted_y, *now, *car, PEDESTRIAN_RADIUS)
+    ax, ay = social_force(wanted_x, wanted_y, *now, *car, PEDESTRIAN_RADIUS)
+    return ax, ay, False
 
 
 @kernel

@@ -53,7 +53,7 @@ def wanted(episode, speed, tables, settings):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def pedestrian(episode, tables, settings):  # type: ignore[no-untyped-def]
+def pedestrian(episode, _i, _answers, tables, settings):  # type: ignore[no-untyped-def]
     """Return the acceleration (ax, ay) [m/s2] that the walker intends, and whether the limit of its jerk applies."""
     vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
     if early(episode, settings):

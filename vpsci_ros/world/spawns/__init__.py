@@ -1,11 +1,7 @@
-"""The spawns: where vehicle and pedestrians are as an episode begins, a file for each name in `SPAWNS`.
+"""The spawns: where vehicle and pedestrians are as an episode begins, a file and a row of `TABLE` each.
 
-`mixed` has no file: it is the paper's in even episodes of a scenario and that of right turns in odd ones. Its even
-episodes have the rules of section 3.2 (`config.PAPERS_GAIN` and beside it), the odd ones those of the configuration.
-
-A spawn has three functions of EPISODE records. `begin` draws the vehicle and the first pedestrian and returns the time
-[s] that the car needs to the crossing; `join` draws a further pedestrian, by that time; `put` puts a pedestrian at an
-arc length of its route [m]. The functions here call those of the spawn with index `which`.
+`mixed` has neither: it is the paper's in even episodes of a scenario and that of right turns in odd ones. Its even
+episodes have the rules of section 3.2 (`PAPERS_GAIN` and beside it), the odd ones those of the configuration.
 
 In reading order:
 
@@ -15,16 +11,53 @@ In reading order:
 * `approach`: the motion of the rule-based pair with the spawns `right_turns` and `human`, which draw driver and walker
 """
 
-from vpsci_ros.world.compiled import inlined, kernel
-from vpsci_ros.world.spawns import human, paper, right_turns
-from vpsci_ros.world.world_config import PAPERS_GAIN, SPAWNS
+from dataclasses import dataclass
 
-RIGHT_TURNS, HUMAN, PAPER, MIXED = (SPAWNS.index(name) for name in ("right_turns", "human", "paper", "mixed"))
+from vpsci_ros.safety.compiled import Kernel
+from vpsci_ros.world.compiled import choice, inlined, kernel
+from vpsci_ros.world.spawns import human, paper, right_turns
+
+# the rules of section 3.2 that even episodes of a `mixed` world have: the gain of (21)-(24), and in seconds the end of
+# an episode and the time without danger to the hand-back ("overridden upon activation"); nothing but (18) steers
+PAPERS_GAIN, PAPERS_TIME, PAPERS_RELEASE = 0.5, 10.0, 0.5
+
+
+@dataclass(frozen=True)
+class Spawn:
+    """A spawn: kernels of EPISODE records, with their SCENARIO `row` of `Tables`.
+
+    :ivar name: a value of `WorldConfig.spawn`.
+    :ivar begin: (episode, row, tables, seed, period): places vehicle and first pedestrian, as the uint64 `seed` draws
+        them; returns the time `drives` [s] that the car needs to the crossing. `period` [s] is a tick's.
+    :ivar join: (episode, leader, row, tables, seed, drives): places a further pedestrian beside the first, `leader`.
+    :ivar put: (episode, row, tables, s): puts a pedestrian at arc length `s` [m] of its route.
+    :ivar recorded: the two approach each other as recorded people do, by what these kernels draw (`approach`).
+    """
+
+    name: str
+    begin: Kernel
+    join: Kernel
+    put: Kernel
+    recorded: bool = False
+
+
+TABLE = (
+    Spawn("right_turns", right_turns.begin, right_turns.join, right_turns.put, recorded=True),
+    Spawn("human", human.begin, human.join, human.put, recorded=True),
+    Spawn("paper", paper.begin, paper.join, paper.put),
+)
+MIXED = -1  # no row
+SPAWNS = {spawn.name: index for index, spawn in enumerate(TABLE)} | {"mixed": MIXED}
+RIGHT_TURNS, PAPER = SPAWNS["right_turns"], SPAWNS["paper"]
+_BEGIN = choice({index: spawn.begin for index, spawn in enumerate(TABLE)})
+_JOIN = choice({index: spawn.join for index, spawn in enumerate(TABLE)})
+_PUT = choice({index: spawn.put for index, spawn in enumerate(TABLE)})
+_RECORDED = tuple(spawn.recorded for spawn in TABLE)
 
 
 @inlined
 def spawn_of(which, episode):  # type: ignore[no-untyped-def]
-    """Return the index in `SPAWNS` of the spawn by which this EPISODE record begins, which is not `mixed`."""
+    """Return the index in `TABLE` of the spawn by which this EPISODE record begins, which is not `mixed`."""
     if which != MIXED:
         return which
     return PAPER if episode.episode % 2 == 0 else RIGHT_TURNS
@@ -33,7 +66,7 @@ def spawn_of(which, episode):  # type: ignore[no-untyped-def]
 @inlined
 def as_recorded(which, episode):  # type: ignore[no-untyped-def]
     """Whether driver and walker of this EPISODE record approach each other as recorded people do."""
-    return spawn_of(which, episode) != PAPER
+    return _RECORDED[spawn_of(which, episode)]
 
 
 @inlined
@@ -69,33 +102,16 @@ def release_of(settings, episode):  # type: ignore[no-untyped-def]
 @kernel
 def begin(which, episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
     """Place vehicle and first pedestrian at the spawn; return the car's time to the crossing [s], 0 for `paper`."""
-    which = spawn_of(which, episode)
-    if which == RIGHT_TURNS:
-        return right_turns.begin(episode, row, tables, seed, period)
-    if which == HUMAN:
-        return human.begin(episode, row, tables, seed, period)
-    return paper.begin(episode, row, tables, seed, period)
+    return _BEGIN(spawn_of(which, episode), episode, row, tables, seed, period)
 
 
 @kernel
 def join(which, episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped-def]
     """Put a further pedestrian where it is at the spawn; the car of `leader` needs `drives` [s] to the crossing."""
-    which = spawn_of(which, episode)
-    if which == RIGHT_TURNS:
-        right_turns.join(episode, leader, row, tables, seed, drives)
-    elif which == HUMAN:
-        human.join(episode, leader, row, tables, seed, drives)
-    else:
-        paper.join(episode, leader, row, tables, seed, drives)
+    _JOIN(spawn_of(which, episode), episode, leader, row, tables, seed, drives)
 
 
 @kernel
 def put(which, episode, row, tables, s):  # type: ignore[no-untyped-def]
     """Put a pedestrian at arc length `s` [m] of its route."""
-    which = spawn_of(which, episode)
-    if which == RIGHT_TURNS:
-        right_turns.put(episode, row, tables, s)
-    elif which == HUMAN:
-        human.put(episode, row, tables, s)
-    else:
-        paper.put(episode, row, tables, s)
+    _PUT(spawn_of(which, episode), episode, row, tables, s)
