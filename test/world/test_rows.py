@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import DRIVERS
+from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.spawns import SPAWNS
 
@@ -77,3 +79,12 @@ def test_the_pages_tables_name_each_of_them(page: str, names: list[str]) -> None
     cells = re.findall(r"^\| (`[^|]*) \|", (ROOT / "docs" / page).read_text("utf-8"), re.MULTILINE)
     named = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
     assert set(names) <= named
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [("spawn", SPAWNS), ("vehicle_driver", VEHICLE_DRIVERS), ("pedestrian_driver", PEDESTRIAN_DRIVERS)],
+)
+def test_a_name_without_a_row_is_refused_with_those_that_have_one(name: str, known: dict[str, int]) -> None:
+    with pytest.raises(InvalidInput, match=f"{name} = 'ghost' is unknown; expected one of {', '.join(known)}"):
+        WorldConfig(**{name: "ghost"})

@@ -15,8 +15,8 @@ from vpsci_ros.world.spawns import SPAWNS
 class WorldConfig:
     """The configuration of `vpsci_ros.world.World`; some defaults differ from section 3.2 of the paper.
 
-    :raises InvalidInput: a `tick` of which 0.1 s or `episode_time` is no multiple, more `crowd.sizes` than
-        `pedestrians`, or several pedestrians with the driver replay.
+    :raises InvalidInput: an unknown spawn or driver, a `tick` of which 0.1 s or `episode_time` is no multiple, more
+        `crowd.sizes` than `pedestrians`, or several pedestrians with the driver replay.
     """
 
     tick: float = parameter(
@@ -55,6 +55,10 @@ class WorldConfig:
     kinds: KindMixture = field(default_factory=KindMixture)
 
     def __post_init__(self) -> None:
+        names = {"spawn": SPAWNS, "vehicle_driver": VEHICLE_DRIVERS, "pedestrian_driver": PEDESTRIAN_DRIVERS}
+        for what, known in names.items():
+            if (name := getattr(self, what)) not in known:
+                raise InvalidInput(f"{what} = {name!r} is unknown; expected one of {', '.join(known)}")
         for what, time in (("a policy's step", STEP), ("episode_time", self.episode_time)):
             ratio = time / self.tick
             if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
