@@ -69,7 +69,8 @@ def at_import(tree: ast.Module) -> list[ast.stmt]:
 def test_the_package_imports_none_of_its_rooms_and_touches_no_file(tmp_path: Path) -> None:
     tree = ast.parse((ROOT / "__init__.py").read_text(encoding="utf-8"))
     assert {module for node in at_import(tree) for _, module in imported(node)} == {"importlib", "typing"}
-    code = "import os, sys, vpsci_ros; print(*(name for name in sys.modules if name.startswith('vpsci_ros')))"
+    code = "import os, sys, vpsci_ros; assert {*vpsci_ros.__all__} <= {*dir(vpsci_ros)}; "
+    code += "print(*(name for name in sys.modules if name.startswith('vpsci_ros')))"
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     environment |= {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     loaded = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)

@@ -15,6 +15,10 @@ __version__ = "0.1.0"
 _LATE = dict.fromkeys(("Driver", "Pedestrian", "Vehicle", "Walker"), "cosim") | {"simulate": "exam.simulation"}
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> Any:
     if name in _LATE:
         return getattr(importlib.import_module(f"vpsci_ros.{_LATE[name]}"), name)

@@ -358,3 +358,16 @@ main.main()
         process.terminate()
     assert process.returncode == 130
     assert json.loads((tmp_path / "run.json").read_text())["error"] == "stopped on request"
+
+
+def test_a_graph_that_is_stopped_ends_with_130_and_one_that_fails_with_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["vpsci", "graph", "--params", "stage3_generate", "-o", str(tmp_path / "out")])
+    graph = pytest.importorskip("vpsci_ros.nodes.graph")
+    for error, status in (("stopped on request", 130), ("a node died", 1)):
+        monkeypatch.setattr(graph, "run_graph", lambda *_, error=error, **__: graph.GraphResult(tmp_path, error))
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == status
+        assert f"{error}; what was written up to then is in" in capsys.readouterr().err

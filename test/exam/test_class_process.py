@@ -66,6 +66,12 @@ def test_a_class_that_cannot_be_made_is_refused_in_words(drive: Drive, text: str
         drive(text)
 
 
+def test_the_log_has_the_traceback_of_a_class_that_cannot_be_made(drive: Drive, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no model file"):
+        drive(mine("") + "  def __init__(self):\n    raise RuntimeError('no model file')")
+    assert re.search(r'Traceback.*a_driver.py", line \d+, in __init__', (tmp_path / "log").read_text(), re.DOTALL)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

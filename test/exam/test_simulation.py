@@ -68,6 +68,8 @@ def test_a_block_gives_each_episode_and_one_table_of_all() -> None:
         assert rows["outcome"].unique().to_list() == [episode.outcome]
         assert np.array_equal(rows["position_x_av"].to_numpy(), np.tile(episode.x, 2).astype(np.float32))
         assert np.array_equal(rows["CurvTTC"].to_numpy(), episode.curvttc.ravel().astype(np.float32))
+    assert repr(block) == "EpisodeBlock(3 episodes of scenarios 101)"
+    assert re.fullmatch(r"Episode\(101:0, \w+, \d+ frames, 2 pedestrians\)", repr(block[0]))
     assert block[-1].key == block[2].key
     with pytest.raises(IndexError):
         block[3]

@@ -134,10 +134,11 @@ def test_nearly_equal_drives_have_one_timing_and_others_each_its_own(home: Path)
 
 def test_a_system_that_drives_otherwise_where_somebody_is_meets_nobody_and_does_not_pass(home: Path) -> None:
     rows, timing = table("Sly", home / "sly")
-    report = {"timing": summary(timing, rows)}
+    report = {"timing": summary(timing, rows), "drivers": {"ads": {"walker": {}}}}
     (reason,) = not_met(report)
     assert "it drives otherwise where somebody is" in reason
     assert sentence(report) == "The pedestrians are timed to the system's own approach in 16 of 16 episodes."
+    assert sentence({"timing": None, "drivers": {"ads": {}}}).startswith("The system drove no episode")
 
 
 def test_recorded_people_come_earlier_by_the_head_start(home: Path) -> None:

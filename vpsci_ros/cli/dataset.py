@@ -121,7 +121,8 @@ def verify(
         int | None, typer.Option(min=1, metavar="N", help="Episodes of each scenario, drawn at random; default: all.")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.0, help="Allowed difference [m, m/s, s]; 0: to the bit, for the same kind of CPU.")
+        float,
+        typer.Option(min=0.0, help="Allowed difference in m, m/s and s; 0: to the bit, for the same kind of CPU."),
     ] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sample.")] = 0,
     workers: Count = None,

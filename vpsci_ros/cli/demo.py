@@ -141,14 +141,17 @@ def _stage(folder: Path, stage: int, changes: dict[str, dict[str, Any]]) -> tupl
     The nodes share a process, since a start of six takes longer on two cores than what they do here.
 
     :raises VpsciError: the stage failed.
+    :raises KeyboardInterrupt: stopped on request.
     """
-    from vpsci_ros.nodes.graph import run_graph
+    from vpsci_ros.nodes.graph import STOPPED, run_graph
 
     name = list(SMALL)[stage - 1]
     sections = load(params_dir() / name).changed("graph", {"composed": True, "progress_timeout": 20 * PATIENCE})
     for node, values in (*SMALL[name].items(), *changes.items()):
         sections = sections.changed(node, values)
     result = run_graph(sections, folder / f"stage{stage}")
+    if result.error == STOPPED:
+        raise KeyboardInterrupt
     if result.error:
         raise VpsciError(f"stage {stage}: {result.error}")
     learner = result.nodes.get("learner")

@@ -35,7 +35,10 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
     clips = set.intersection(*(_held_out_of(own) for own in chosen))
     kept_out = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
     if held_out and kept_out.is_empty():
-        raise InvalidInput(f"{data}: none of its clips was held out of the weights' training, by their metadata")
+        raise InvalidInput(
+            f"{data}: the weights list none of its clips as held out of training; leave --held-out out, if they have "
+            "learned from none of them"
+        )
     learned = table["interaction"].n_unique() - kept_out["interaction"].n_unique()
     if held_out:
         table = kept_out

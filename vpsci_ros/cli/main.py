@@ -62,14 +62,18 @@ def graph(
     quiet: Quiet = False,
 ) -> None:
     """Run a graph of nodes from start to end. The parameter file selects the stage."""
-    from vpsci_ros.nodes.graph import run_graph
+    from vpsci_ros.nodes.graph import STOPPED, run_graph
 
     sections = read_sections(params, [*(settings or []), *of_people(people), *["graph.composed=true"] * composed])
     if domain_id is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain_id)
     result = run_graph(sections, output, quiet=quiet)
     if result.error:
-        raise VpsciError(f"{result.error}; what was written up to then is in {output}")
+        text = f"{result.error}; what was written up to then is in {output}"
+        if result.error != STOPPED:
+            raise VpsciError(text)
+        print(text, file=sys.stderr)
+        raise typer.Exit(130)
     print(f"done in {result.wall_time:.1f} s; written: {output}")
 
 

@@ -80,7 +80,7 @@ class Listed(NamedTuple):
         return self.scenario, self.number
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Episode:
     """One vehicle and n >= 1 pedestrians over T frames, in map frame: x east, y north.
 
@@ -144,6 +144,9 @@ class Episode:
     def __len__(self) -> int:
         """Return the number of frames."""
         return len(self.x)
+
+    def __repr__(self) -> str:
+        return f"Episode({self.name}, {self.listed.outcome}, {len(self)} frames, {len(self.ped_x)} pedestrians)"
 
     @property
     def name(self) -> str:

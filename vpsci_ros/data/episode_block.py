@@ -79,7 +79,7 @@ class SeenTick(Protocol):
         """float64[B] [m] between the centres; NaN likewise."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EpisodeBlock:
     """A block of n episodes as arrays; `block[i]` is the i-th as an `Episode`, `len(block)` is n.
 
@@ -98,6 +98,10 @@ class EpisodeBlock:
 
     def __len__(self) -> int:
         return len(self.records)
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(map(str, np.unique(self.records["scenario"]).tolist()))
+        return f"EpisodeBlock({len(self)} episodes of scenarios {numbers or 'none'})"
 
     def __getitem__(self, i: int) -> Episode:
         """Return the i-th episode, whose frames must be stored, of a block with `period`; a negative i counts back.

@@ -22,7 +22,7 @@ from vpsci_ros.data.courses import Floats, trailing_slope
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
 from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import near_misses_part
+from vpsci_ros.resources import RIGHT_TURNS, near_misses_part
 from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
 
@@ -96,6 +96,9 @@ def read_near_misses(name: str | Path, kinds: Collection[str] = (WALKER,)) -> pl
         or no clip of the part, or nobody of these kinds, and names those there are.
     """
     path, part = near_misses_part(name)
+    if not path.exists():
+        shipped = f"{RIGHT_TURNS}, {RIGHT_TURNS}/train and {RIGHT_TURNS}/dev"
+        raise InvalidInput(f"{path}: no such file; expected {_WHAT} in Parquet, or one of the shipped {shipped}")
     table = read_parquet(path, _WHAT)
     if missing := [name for name in WORKED_OUT if name not in table.columns]:
         warnings.warn(

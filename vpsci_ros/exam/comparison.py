@@ -38,8 +38,9 @@ def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earl
     :param folder: of the earlier exam.
     :raises InvalidInput: it is no exam that is over, had other pedestrians or thresholds, or shares no episode.
     """
-    if not (folder / EPISODES).is_file():
-        raise InvalidInput(f"--baseline {folder}: no exam that is over; expected {EPISODES} in it")
+    for name in (EPISODES, EXAM):
+        if not (folder / name).is_file():
+            raise InvalidInput(f"--baseline {folder}: no exam that is over; expected {name} in it")
     stored = read_json(folder / EXAM)
     require_form(stored, {"ads": str, "parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     advice = "give this exam the same --params and --set"

@@ -66,9 +66,11 @@ def _changes(found: Mapping[str, Any]) -> Iterator[str]:
 
 def _values(report: Mapping[str, Any], failing: Failing) -> Iterator[str]:
     """Yield the lines that give the exam's own results."""
+    if not (rows := report["drivers"].get(ADS, {})):
+        return
     yield f"A failure: {_failure(report['failure'])}. Values are with 95% intervals.\n"
     yield from _head(["pedestrian", "episodes", "failing", *(MEASURES[name].title for name in _SHOWN)])
-    for name, row in report["drivers"].get(ADS, {}).items():
+    for name, row in rows.items():
         cells = [title_of(name), row["episodes"], len(failing[name]["failing"])]
         yield _row([*cells, *(_interval(row[measure], measure) for measure in _SHOWN)])
 

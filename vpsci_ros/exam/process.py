@@ -17,6 +17,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -275,6 +276,8 @@ def main(descriptor: int, text: str) -> None:
             for answer in cockpit.answers(asked):
                 say(answer)
     except VpsciError as error:
+        if error.__cause__:
+            traceback.print_exception(error.__cause__)  # of the driver's code, into the log
         say({"refused": str(error)})
     except (EOFError, OSError):
         pass  # the exam is over

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 
 RESULT = "result.json"  # what a finished run is, and the hash of each of its files
 DYING = 1.0  # [s] from the last command of a system that ends to its end
-_STOPPED = "stopped on request"
 _SIDE_BY_SIDE = 64  # episodes of the autopilot
 
 
@@ -235,7 +234,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
-    from vpsci_ros.nodes.graph import run_graph
+    from vpsci_ros.nodes.graph import STOPPED, run_graph
 
     silent = Silence(SILENT_TICKS)
     patience = exam.patience
@@ -261,7 +260,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
 
         graph = run_graph(graph_sections(exam, name, run), run, quiet=quiet, stop_when=failed)
     counts = counts_of(graph.nodes)
-    if graph.error == _STOPPED:
+    if graph.error == STOPPED:
         raise KeyboardInterrupt
     if graph.error and not any(reasons) and not (counts and counts.tick):
         world = graph.nodes.get("world_simulator", NodeStatus())

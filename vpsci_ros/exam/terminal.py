@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.exam.exam import ADS, BASELINE, title_of
 from vpsci_ros.exam.power import can_see
 from vpsci_ros.exam.report import FAILED_BEFORE
+from vpsci_ros.runs.text_table import table_console
 
 _SHOWN = {
     "collision_rate": "colli-\nsions",
@@ -29,7 +29,7 @@ def print_report(report: Mapping[str, Any], page: Path) -> None:
 
     :param page: the report page, which the last line names.
     """
-    console = Console()
+    console = table_console()
     view = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     view.add_column("", no_wrap=True)
     for head in _SHOWN.values():

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import OWN_TIMING, Exam, title_of
+from vpsci_ros.exam.exam import ADS, OWN_TIMING, Exam, title_of
 from vpsci_ros.exam.recorded_people import FAR
 from vpsci_ros.lockstep.intervention import HeadStarts
 from vpsci_ros.runs.files import write_json
@@ -284,6 +284,8 @@ def not_met(report: Mapping[str, Any]) -> list[str]:
 def sentence(report: Mapping[str, Any]) -> str:
     """Return in words whose approach the pedestrians of a report's exam are timed to."""
     found = report.get("timing")
+    if not report["drivers"].get(ADS):
+        return "The system drove no episode, so that no pedestrian was timed to it."
     if found is None:
         return "The pedestrians are timed to the autopilot's approach."
     of, same, untimed = found["episodes"], found["baseline"], len(found["untimed"])

@@ -44,6 +44,7 @@ StopWhen = Callable[[Mapping[str, NodeStatus], float], str]
 STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # sent, and given so long [s]
 POLL = 0.1  # [s]
 WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.safetensors"}  # what a learner leaves
+STOPPED = "stopped on request"  # error of a graph that Ctrl-C or SIGTERM ends
 
 
 @dataclass
@@ -297,7 +298,7 @@ def _follow(
         watch.take(statuses)
         watch.excuse(processes.hindered())
         if requested.is_set():
-            return "stopped on request"
+            return STOPPED
         ended = processes.ended()
         if ended.get(processes.leader) == 0:
             return ""

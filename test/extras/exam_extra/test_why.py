@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import pyarrow.parquet as pq
 import pytest
 from class_in_process import CARELESS, class_in_process
 
@@ -194,6 +195,18 @@ def test_at_the_limit_the_worst_failure_is_looked_at_first_and_the_rest_is_said_
             "factors"
         ]
     )
+
+
+def test_an_exam_whose_system_drove_nothing_is_refused_by_what_the_exam_said(explained: Path, tmp_path: Path) -> None:
+    exam = shutil.copytree(explained, tmp_path / "exam", ignore=shutil.ignore_patterns("why"))
+    pq.write_table(pq.read_table(exam / "episodes.parquet").slice(0, 0), exam / "episodes.parquet")
+    report = json.loads((exam / "report.json").read_text()) | {"failures": ["walker: it answered NaN"]}
+    (exam / "report.json").write_text(json.dumps(report))
+    with pytest.raises(InvalidInput, match="drove no episode, so none is driven again; the exam said: walker: it answ"):
+        explain_exam(exam, 1, workers=1, quiet=True)
+    (exam / "exam.json").unlink()
+    with pytest.raises(InvalidInput, match=r"exam: no exam; expected exam\.json in it"):
+        explain_exam(exam, 1, workers=1, quiet=True)
 
 
 def test_failures_are_explained_and_played_by_groups(explained: Path) -> None:

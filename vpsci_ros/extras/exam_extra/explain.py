@@ -34,19 +34,23 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     :raises InvalidInput: no exam that is over, or its driving system is another one now.
     :raises VpsciError: a node has failed.
     """
+    if not (folder / EXAM).is_file():
+        raise InvalidInput(f"{folder}: no exam; expected {EXAM} in it, which `vpsci ads-test` writes")
     table = read_episode_table(folder)
     stored = read_json(folder / EXAM)
     require_form(stored, {"parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     if stored.get("seat"):
         raise InvalidInput(f"{folder}: a person, or a program behind a socket, drove it, and cannot be called again")
-    failure = read_json(folder / "report.json")["failure"]
-    exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": failure}))
+    report, driven = read_json(folder / "report.json"), set(rows_of(table, ADS)["pedestrian"])
+    if not driven:
+        failed = "; ".join(report["failures"])
+        raise InvalidInput(f"{folder}: the system drove no episode, so none is driven again; the exam said: {failed}")
+    exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": report["failure"]}))
     require_own(exam.simulator.engine, "failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))
     config = dataclasses.replace(exam.config, check_state=False)
     exam = dataclasses.replace(exam, config=config, head_starts=head_starts(read_timing(folder)))
     own = folder / FOLDER
-    driven = set(rows_of(table, ADS)["pedestrian"])
     names = [name for name in exam.config.opponents if name in driven]
     episodes = {name: list(stored_episodes(folder, ADS, name)) for name in names}
     own.mkdir(exist_ok=True)

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import polars as pl
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.documents import listed, read_json, require_form
@@ -25,6 +24,7 @@ from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, estimate
 from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.text_table import table_console
 
 LEVEL = 0.05  # of the test by which two systems have an order
 _KEY = ["scenario", "episode"]
@@ -153,7 +153,7 @@ def rank(system: Mapping[str, Any]) -> str:
 
 def _print(found: Mapping[str, Any]) -> None:
     failure = MEASURES[f"{found['failure']}_rate"]
-    console = Console()
+    console = table_console()
     for name, row in found["pedestrians"].items():
         view = Table(title=f"{title_of(name)}, {row['episodes']} episodes", box=box.SIMPLE_HEAD, title_justify="left")
         for head in ("rank", "exam", failure.title):

@@ -76,7 +76,7 @@ def two_files(vehicles: str, pedestrians: str, heading: str, folder: Path) -> It
     columns = {"id": "track_id", "time": "timestamp_ms", "class": "agent_type"}
     columns |= {name: name for name in ("x", "y", "vx", "vy")}
     own = columns | {"heading": heading, "length": "length", "width": "width"}
-    walkers, cyclists = frozenset({"pedestrian", "pedestrian/bicycle", "pedestrain"}), frozenset({"bicycle"})
+    walkers, cyclists = frozenset({"pedestrian", "pedestrian/bicycle", "pedestrain"}), frozenset({"bicycle", "bike"})
     motor = frozenset({"car", "truck", "bus"})
     every = Layout(own, motor, walkers, time_unit=0.001, cyclists=cyclists, mixed=True)  # some have walkers, too
     layouts = {vehicles: every, pedestrians: Layout(columns, frozenset(), walkers, time_unit=0.001, mixed=True)}

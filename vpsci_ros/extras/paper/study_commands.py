@@ -210,7 +210,7 @@ def make(
     key = make_kit(near_misses, weights, output, scenes=scenes, seed=seed)
     known = sum(not scene["held_out"] for scene in key["scenes"])
     if known:
-        print(f"note: {known} of the {scenes} scenes are of recordings on which the weights were trained")
+        print(f"note: {known} of the {scenes} scenes are of clips that the weights do not list as held out of training")
     print(f"written: {output / 'questionnaire.html'} with {3 * scenes} clips, for the raters,")
     print(f"and {output / 'key.json'}, which they must not see")
 

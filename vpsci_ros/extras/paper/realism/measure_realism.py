@@ -281,5 +281,8 @@ def _kept_out(table: pl.DataFrame, policies: Sequence[Policy], data: Path) -> pl
     clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in policies))
     kept = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
     if kept.is_empty():
-        raise InvalidInput(f"{data}: none of its clips was held out of the policies, by their metadata")
+        raise InvalidInput(
+            f"{data}: the policies list none of its clips as held out of training; leave --held-out out, if they have "
+            "learned from none of them"
+        )
     return kept

@@ -21,7 +21,7 @@ from vpsci_ros.data.courses import slope
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import size_of
 from vpsci_ros.evaluation.statistics import Units, cluster_counts, interval, units_of
-from vpsci_ros.runs.text_table import text_table
+from vpsci_ros.runs.text_table import table_console, text_table
 from vpsci_ros.safety import (
     CONFLICT_TTC,
     closest_encounter,
@@ -151,7 +151,7 @@ def compare(path: str | Path, console: Console | None = None) -> None:
     :raises InvalidInput: `path` is not a near-miss table.
     """
     result = agreement(read_near_misses(path))
-    console = console or Console()
+    console = console or table_console()
     console.print(
         f"{result.interactions} interactions of {result.units}, selected by CurvTTC < 5 s. "
         f"A measure flags a conflict at: {THRESHOLDS}."

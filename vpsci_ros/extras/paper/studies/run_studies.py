@@ -5,8 +5,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from vpsci_ros.cli.stages import Stage1Inputs, stage_1_inputs, stage_2_parameters
 from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.data.near_misses import read_near_misses
@@ -26,6 +24,7 @@ from vpsci_ros.runs.progress import StageBar
 from vpsci_ros.runs.run_config import Sections
 from vpsci_ros.runs.run_folder import RunFolder
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
+from vpsci_ros.runs.text_table import table_console
 from vpsci_ros.runs.workers import HERE, Site, mixed
 
 FRESH_SEED = 1000  # of the episodes in which models are measured
@@ -49,7 +48,7 @@ def run_sample_study(
                 corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, site=site, report=report
             )
         run.results["table_3"] = table.to_dicts()
-    print_table_3(table, Console())
+    print_table_3(table, table_console())
     print(f"written: {folder / 'table_3.csv'} and run.json beside it")
 
 
