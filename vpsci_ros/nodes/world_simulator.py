@@ -62,7 +62,7 @@ class WorldSimulator(GraphNode):
         starts, interventions = read_changes(changes) if changes else ({}, {})
         if engine and interventions:
             raise InvalidInput(f"engine = {name}: interventions change the car by our kinematics; leave them out")
-        world = make(self._config, scenarios, run.queue(), run.batch, run.seed, recorded, head_starts=starts)
+        world = make(self._config, scenarios, run.queue(), run.batch, run.seed, recorded=recorded, head_starts=starts)
         self._loop = Loop(world, intervene=partial(intervened, interventions) if interventions else None)
         self.counts = WorldCounts()
         external = None

@@ -66,4 +66,4 @@ def test_a_learned_walker_goes_where_the_object_goes_and_reacts_to_the_car_by_it
         assert walker_of(walker)[2:] == pytest.approx((walk.vx, walk.vy), abs=1e-5)
     assert faced == {8}
     assert np.hypot(*walker_of(walker)[:2]) > 1.0
-    assert walker_of(walker).y > -2.0, "it went north, which is up in our frame and y below in CARLA's"
+    assert walker_of(walker).y > -4.0, "it went north, which is up in our frame and y below in CARLA's"
