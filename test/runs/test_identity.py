@@ -19,6 +19,7 @@ def test_what_json_cannot_tell_apart_is_the_same_run() -> None:
         ({"learner": {"rates": [0.1, 0.2], "stage": "x"}}, r"learner\.stage = 'x', and this one has 'refine'"),
         ({"learner": MINE["learner"] | {"rates": [0.1, 0.2], "old": 1}}, r"learner\.old = 1, and this one has None"),
         ({"learner": "a" * 1000}, r"learner = 'a{199}\.\.\., and this one"),
+        ({"learner": "5e" * 32}, r"learner = SHA-256 5e5e5e5e\.\.\., and this one"),
     ],
 )
 def test_the_first_difference_is_named_with_both_values(found, said) -> None:

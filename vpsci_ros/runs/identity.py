@@ -1,6 +1,7 @@
 """The check that a folder holds the same run, for every command that resumes a run."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -39,5 +40,7 @@ def _differences(old: Any, new: Any, name: str) -> Iterator[tuple[str, Any, Any]
 
 
 def _quoted(value: Any) -> str:
+    if isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value):
+        return f"SHA-256 {value[:8]}..."
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
