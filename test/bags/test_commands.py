@@ -167,6 +167,10 @@ def test_verify_compares_what_is_left_of_a_cut_off_bag(own_bag: Path, tmp_path: 
             {"world_simulator": {"vehicle_driver": "replay", "recorded_bag": "gone/bag"}},
             "replay the bag gone/bag, which is not here",
         ),
+        (
+            {"world_simulator": {"vehicle_driver": "autopilot", "episode_changes": "gone/changes.json"}},
+            "have the head starts in gone/changes.json, which is not here",
+        ),
         ({"world_simulator": {"vehicle_driver": "policy"}}, "does not hold the parameters of vehicle_policy"),
         (
             {"world_simulator": {"pedestrian_driver": "autopilot"}, "vehicle_policy": {"weights": "gone.safetensors"}},

@@ -19,7 +19,7 @@ from vpsci_ros.data.dataset_description import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.generate_dataset import generate, part_writers, simulators
-from vpsci_ros.generate.job import Unit
+from vpsci_ros.generate.job import Unit, job_from
 from vpsci_ros.generate.parts import FINISHED, FOLDER, Parts
 from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.simulate import Simulator, storing
@@ -228,6 +228,12 @@ def test_another_configuration_is_refused_naming_what_differs(job, make, made, t
     world = dataclasses.replace(job.world, release_time=0.5)
     with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 5\.0, and this one has 0\.5"):
         make(tmp_path / "d", of=dataclasses.replace(job, world=world))
+
+
+@pytest.mark.parametrize(("name", "value"), [("only", [1, 17]), ("episode_changes", "exam.json")])
+def test_what_chooses_or_changes_single_episodes_is_refused(sections, name: str, value: object) -> None:
+    with pytest.raises(InvalidInput, match=f"world_simulator.{name}: .*take it out"):
+        job_from(sections.changed("world_simulator", {name: value}))
 
 
 def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, made, monkeypatch) -> None:

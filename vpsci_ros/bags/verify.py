@@ -22,6 +22,7 @@ from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.lockstep.counts import MISSING_ANSWERS
+from vpsci_ros.lockstep.intervention import read_changes
 from vpsci_ros.lockstep.simulator_config import SimulatorConfig
 from vpsci_ros.parameters import pick
 from vpsci_ros.policy.agent import PolicyAgent
@@ -132,9 +133,11 @@ class _Simulation:
             raise InvalidInput(f"{self._where}: an external system drove the {' and the '.join(external)}")
         settings = {name: value for name, value in world.items() if name != "queue"}
         self._run = pick(RunConfig, settings, "world_simulator")
-        recorded = simulator.recorded_bag
+        recorded, changes = simulator.recorded_bag, simulator.episode_changes
         if recorded and not Path(recorded).exists():
             raise InvalidInput(f"{self._where}: its agents replay the bag {recorded}, which is not here")
+        if changes and not Path(changes).exists():
+            raise InvalidInput(f"{self._where}: its pedestrians have the head starts in {changes}, which is not here")
         queue = [(scenario, number) for scenario, number in world["queue"]] if "queue" in world else self._run.queue()
         simulated = World(
             config,
@@ -143,6 +146,7 @@ class _Simulation:
             self._run.batch,
             self._run.seed,
             recorded_from_bag(recorded) if recorded else None,
+            head_starts=read_changes(changes)[0] if changes else None,
         )
         agents = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "policy"]
         self._loop = Loop(simulated, {agent: self._policy(agent, run, weights) for agent in agents})

@@ -25,6 +25,7 @@ from vpsci_ros.cli.options import (
     file_to_write,
     of_people,
     read_sections,
+    say_stopped,
     writes_folder,
 )
 from vpsci_ros.cli.people import people
@@ -70,10 +71,7 @@ def graph(
     result = run_graph(sections, output, quiet=quiet)
     if result.error:
         text = f"{result.error}; what was written up to then is in {output}"
-        if result.error != STOPPED:
-            raise VpsciError(text)
-        print(text, file=sys.stderr)
-        raise typer.Exit(130)
+        raise say_stopped(text) if result.error == STOPPED else VpsciError(text)
     print(f"done in {result.wall_time:.1f} s; written: {output}")
 
 

@@ -150,8 +150,14 @@ def stoppable(folder: Path) -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, Stopped):
-        print(f"stopped; what is done is in {folder}: the same command goes on there", file=sys.stderr)
-        raise typer.Exit(130) from None
+        raise say_stopped(f"stopped; what is done is in {folder}: the same command goes on there") from None
+
+
+def say_stopped(text: str) -> typer.Exit:
+    """Print that a command was stopped, unless standard error is full; return the exit with status 130 to raise."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
+    return typer.Exit(130)
 
 
 def read_sections(params: Path, settings: list[str] | None, near_misses: list[Path] | None = None) -> "Sections":

@@ -69,7 +69,8 @@ class Observation:
         """Return this tick as the observation of `RightTurnEnv`, float32[21], see `vpsci_ros.envs.task`."""
         from vpsci_ros.envs.task import observe
 
-        assert self._tables is not None, "the cockpit gives them"
+        if self._tables is None:
+            raise InvalidInput("of_environment: expected an exam's observation, got one without the scenarios' tables")
         nearest = self._curvttc.argmin()
         shown: NDArray[np.float32] = observe(self._state, self._curvttc, self._tables)[nearest]
         return shown

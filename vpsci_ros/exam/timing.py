@@ -284,8 +284,8 @@ def not_met(report: Mapping[str, Any]) -> list[str]:
 def sentence(report: Mapping[str, Any]) -> str:
     """Return in words whose approach the pedestrians of a report's exam are timed to."""
     found = report.get("timing")
-    if not report["drivers"].get(ADS):
-        return "The system drove no episode, so that no pedestrian was timed to it."
+    if found is None and not report["drivers"].get(ADS):
+        return "The system drove no episode with a pedestrian."
     if found is None:
         return "The pedestrians are timed to the autopilot's approach."
     of, same, untimed = found["episodes"], found["baseline"], len(found["untimed"])

@@ -127,7 +127,10 @@ def job_from(
     """
     run = sections.get(RunConfig, "world_simulator")
     world = sections.get(WorldConfig, "world_simulator")
-    require_own(sections.get(SimulatorConfig, "world_simulator").engine, "a dataset is generated")
+    simulator = sections.get(SimulatorConfig, "world_simulator")
+    require_own(simulator.engine, "a dataset is generated")
+    if simulator.episode_changes:
+        raise InvalidInput("world_simulator.episode_changes: a dataset's episodes are as drawn; take it out")
     if run.only:
         raise InvalidInput("world_simulator.only: a dataset has the episodes that it keeps; take it out")
     policies = {}

@@ -16,7 +16,7 @@ from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.lane_driving import comfortable_speeds
 from vpsci_ros.world.paths import Path
 from vpsci_ros.world.scenario import Scenario
-from vpsci_ros.world.spawns import PAPERS_RELEASE, PAPERS_TIME, SPAWNS
+from vpsci_ros.world.spawns import PAPERS_RELEASE, PAPERS_TIME, SPAWNS, TABLE
 from vpsci_ros.world.world_config import WorldConfig
 
 _QUANTITIES = (
@@ -128,9 +128,9 @@ def crowd_from(config: WorldConfig) -> Crowd:
 def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Tables:
     """Return S > 0 scenarios as tables, followed by the same ones with the walking route the other way round.
 
-    :param spawn: `WorldConfig.spawn`; with `paper` and `mixed` the vehicle's goal is at most `PAPERS_GOAL` beyond the
-        crossing.
+    :param spawn: `WorldConfig.spawn`; with `mixed` the vehicle's goal is that of `paper`.
     """
+    near = spawn == "mixed" or TABLE[SPAWNS[spawn]].near_goal
     rows = np.zeros(len(scenarios), SCENARIO)
     for row, scenario in zip(rows, scenarios, strict=True):
         vehicle, pedestrian = scenario.vehicle, scenario.pedestrian
@@ -138,7 +138,6 @@ def tables_from(scenarios: Sequence[Scenario], spawn: str = "right_turns") -> Ta
         row["lane_step"], row["lane_count"] = vehicle.path.step, len(vehicle.path.points)
         row["walk_step"], row["walk_count"] = pedestrian.path.step, len(pedestrian.path.points)
         crossing, _ = vehicle.path.locate(*pedestrian.path.at(pedestrian.conflict))
-        near = spawn in ("paper", "mixed")
         row["vehicle_goal"] = min(vehicle.goal, crossing + PAPERS_GOAL) if near else vehicle.goal
         row["full_throttle_speed"] = vehicle.full_throttle_speed
         row["pedestrian_goal"], row["conflict"] = pedestrian.goal, pedestrian.conflict

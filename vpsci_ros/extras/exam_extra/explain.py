@@ -9,7 +9,7 @@ from typing import Any
 
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import ADS, EXAM, identity_of, prepare, take_folder, title_of
+from vpsci_ros.exam.exam import ADS, ALONE, EXAM, identity_of, prepare, take_folder, title_of
 from vpsci_ros.exam.measures import read_episode_table
 from vpsci_ros.exam.report import definitions, rows_of
 from vpsci_ros.exam.timing import head_starts, read_timing
@@ -41,10 +41,12 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limi
     require_form(stored, {"parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     if stored.get("seat"):
         raise InvalidInput(f"{folder}: a person, or a program behind a socket, drove it, and cannot be called again")
-    report, driven = read_json(folder / "report.json"), set(rows_of(table, ADS)["pedestrian"])
+    report, driven = read_json(folder / "report.json"), set(rows_of(table, ADS)["pedestrian"]) - {ALONE}
     if not driven:
         failed = "; ".join(report["failures"])
-        raise InvalidInput(f"{folder}: the system drove no episode, so none is driven again; the exam said: {failed}")
+        raise InvalidInput(
+            f"{folder}: the system drove no episode with a pedestrian, so none is driven again; the exam said: {failed}"
+        )
     exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": report["failure"]}))
     require_own(exam.simulator.engine, "failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))

@@ -31,6 +31,7 @@ class Spawn:
         them; returns the time `drives` [s] that the car needs to the crossing. `period` [s] is a tick's.
     :ivar join: (episode, leader, row, tables, seed, drives): places a further pedestrian beside the first, `leader`.
     :ivar put: (episode, row, tables, s): puts a pedestrian at arc length `s` [m] of its route.
+    :ivar near_goal: the vehicle's goal is at most `PAPERS_GOAL` beyond the crossing.
     :ivar recorded: the two approach each other as recorded people do, by what these kernels draw (`approach`).
     """
 
@@ -38,13 +39,14 @@ class Spawn:
     begin: Kernel
     join: Kernel
     put: Kernel
+    near_goal: bool = False
     recorded: bool = False
 
 
 TABLE = (
     Spawn("right_turns", right_turns.begin, right_turns.join, right_turns.put, recorded=True),
     Spawn("human", human.begin, human.join, human.put, recorded=True),
-    Spawn("paper", paper.begin, paper.join, paper.put),
+    Spawn("paper", paper.begin, paper.join, paper.put, near_goal=True),
 )
 MIXED = -1  # no row
 SPAWNS = {spawn.name: index for index, spawn in enumerate(TABLE)} | {"mixed": MIXED}
