@@ -32,7 +32,7 @@ from vpsci_ros.exam.process import class_process, command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.result import Conduct, RunResult, block_of_ticks, label_of, run_folder, write_episodes, write_result
 from vpsci_ros.lockstep.counts import WorldCounts
-from vpsci_ros.lockstep.intervention import intervened, write_changes
+from vpsci_ros.lockstep.intervention import intervened, rows_of, write_changes
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
@@ -93,8 +93,8 @@ def run_identity(exam: Exam, name: str) -> dict[str, Any]:
     """Return what a run is, as JSON values: its pedestrian, part and episodes, and the hash of the exam's identity."""
     starts = [list(exam.head_starts.get(key, (0.0, 0.0))) for key in exam.episodes] if exam.head_starts else None
     own = {"pedestrian": name, "part": exam.part + 1, "episodes": [list(key) for key in exam.episodes]}
-    changes = [[*key, *each[:3], list(each.forced), each.held] for key, each in exam.interventions.items()]
-    return {**own, "head_starts": starts, "interventions": changes, "exam_sha256": exam.digest}
+    changes = {"head_starts": starts, "interventions": rows_of(exam.interventions)}
+    return {**own, **changes, "exam_sha256": exam.digest}
 
 
 def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:

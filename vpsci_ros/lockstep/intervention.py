@@ -8,7 +8,7 @@ are not changed. An exam gives them, with the head starts of its pedestrians, to
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +49,13 @@ class Intervention(NamedTuple):
 
 def write_changes(path: Path, head_starts: HeadStarts, interventions: Mapping[Key, Intervention]) -> None:
     """Write head starts and interventions as the file that the parameter `episode_changes` names."""
-    starts, changes = ([[*key, *each] for key, each in given.items()] for given in (head_starts, interventions))
-    write_json(path, {"head_starts": starts, "interventions": changes})
+    starts = [[*key, *times] for key, times in head_starts.items()]
+    write_json(path, {"head_starts": starts, "interventions": rows_of(interventions)})
+
+
+def rows_of(interventions: Mapping[Key, Intervention]) -> list[list[Any]]:
+    """Return interventions as JSON values: scenario, episode number, and the fields of each."""
+    return [[*key, *each[:3], list(each.forced), each.held] for key, each in interventions.items()]
 
 
 def read_changes(path: str | Path) -> tuple[HeadStarts, dict[Key, Intervention]]:

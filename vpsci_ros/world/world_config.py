@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import constant, parameter
+from vpsci_ros.parameters import constant, parameter, table
 from vpsci_ros.world.crowd import MOST, CrowdConfig
 from vpsci_ros.world.drivers import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.kinds import KindMixture
@@ -55,10 +55,9 @@ class WorldConfig:
     kinds: KindMixture = field(default_factory=KindMixture)
 
     def __post_init__(self) -> None:
-        names = {"spawn": SPAWNS, "vehicle_driver": VEHICLE_DRIVERS, "pedestrian_driver": PEDESTRIAN_DRIVERS}
-        for what, known in names.items():
-            if (name := getattr(self, what)) not in known:
-                raise InvalidInput(f"{what} = {name!r} is unknown; expected one of {', '.join(known)}")
+        for row in table(WorldConfig):
+            if row.choices:
+                row.check(getattr(self, row.name), "world")
         for what, time in (("a policy's step", STEP), ("episode_time", self.episode_time)):
             ratio = time / self.tick
             if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
