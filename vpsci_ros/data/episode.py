@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.courses import directions, filled
+from vpsci_ros.documents import counted
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, who_yielded
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 
@@ -146,7 +147,8 @@ class Episode:
         return len(self.x)
 
     def __repr__(self) -> str:
-        return f"Episode({self.name}, {self.listed.outcome}, {len(self)} frames, {len(self.ped_x)} pedestrians)"
+        people = counted(len(self.ped_x), "pedestrian")
+        return f"Episode({self.name}, {self.listed.outcome}, {len(self)} frames, {people})"
 
     @property
     def name(self) -> str:
